@@ -1,0 +1,24 @@
+"""The array types that signatures name, and how arrays in frozen dataclasses are kept from being written to."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+Mask = NDArray[np.bool_]
+
+
+def freeze_arrays(holder: DataclassInstance) -> None:
+    """Replace each array of a frozen dataclass by a view of it that cannot be written to."""
+    for f in fields(holder):
+        view = getattr(holder, f.name).view()
+        view.flags.writeable = False
+        object.__setattr__(holder, f.name, view)

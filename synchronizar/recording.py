@@ -1,0 +1,59 @@
+"""What is put in: each device's own track, the ranges between them, and what is known of the devices.
+
+Everything is checked once, at construction, and frozen; the rest of the program trusts it. Frames are the devices' own,
+z up; lengths m, times s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices, Mask
+from synchronizar.geometry import rotate_by_quaternions
+from synchronizar.ranges import Ranges
+from synchronizar.track import Track
+from synchronizar.user import User
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A walk: its users, sorted by name, the track of each that is not static, and all ranges.
+
+    Raises ValueError where these contradict each other.
+    """
+
+    users: tuple[User, ...]
+    tracks: Mapping[str, Track]
+    ranges: Ranges
+
+    def __post_init__(self) -> None:
+        names = [u.name for u in self.users]
+        if names != sorted(set(names)):
+            raise ValueError("users must be sorted by name, each once")
+        if {u.name for u in self.users if not u.static} != set(self.tracks):
+            raise ValueError("every user that is not static needs a track, and nobody else has one")
+        ends = np.concatenate([self.ranges.a, self.ranges.b])
+        if len(ends) and (ends.min() < 0 or ends.max() >= len(names)):
+            raise ValueError("a range names a user that is not there")
+
+    def index(self, name: str) -> int:
+        """Where the user of that name stands in `users`; KeyError if there is none."""
+        for i, user in enumerate(self.users):
+            if user.name == name:
+                return i
+        raise KeyError(name)
+
+    def antenna_positions(self, user: int, t: Array, antenna: Indices, max_gap: float) -> tuple[Array, Mask]:
+        """Where a user's antennas were at its own times t (n,): (n, 3) m in its own frame, and which are known."""
+        who = self.users[user]
+        if who.static:
+            return np.zeros((len(t), 3)), np.ones(len(t), dtype=bool)
+        poses = self.tracks[who.name].at(t, max_gap)
+        if not who.antennas:
+            return poses.position, poses.valid
+        # The row of zeros at the end is the one that an antenna of -1 reads.
+        levers = np.vstack([np.array(list(who.antennas.values())), np.zeros(3)])
+        return poses.position + rotate_by_quaternions(poses.quat_xyzw, levers[antenna]), poses.valid

@@ -1,0 +1,115 @@
+"""The answer: where every device's frame lies in the common frame, how sure that is, and which ranges it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from synchronizar.arrays import Array, Mask
+from synchronizar.geometry import YawFrame
+from synchronizar.recording import Recording
+from synchronizar.track import Track
+
+
+class State(StrEnum):
+    """What can be said of a user's placement."""
+
+    REGISTERED = "registered"
+    AMBIGUOUS = "ambiguous"
+    UNOBSERVABLE = "unobservable"
+    DISCONNECTED = "disconnected"
+
+
+@dataclass(frozen=True)
+class UserRegistration:
+    """One user's part of the answer."""
+
+    name: str
+    state: State
+    reason: str
+    """One sentence: why the state is what it is."""
+    common_from_user: YawFrame | None
+    """Its own frame in the common one; None where it is disconnected."""
+    covariance: Array | None
+    """(4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad); NaN rows for what it does not have."""
+    static: bool = False
+    """A radio that stands still: it has a place and no heading."""
+    unseen_direction: Array | None = None
+    """(4,) unit vector over x, y, z, yaw (m and rad) that the ranges see least, where that makes it unobservable."""
+    prior_dominated: tuple[str, ...] = ()
+    """Which of its numbers a prior determines rather than the ranges."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One joint placement of all users that explains the ranges."""
+
+    cost: float
+    """Negative log likelihood relative to the best placement's, which has 0."""
+    common_from_user: Mapping[str, YawFrame]
+
+
+@dataclass(frozen=True)
+class RangeVerdicts:
+    """What became of each range of the recording, in its order."""
+
+    usable: Mask
+    """(n,) whether both devices' places at that time are known and the number can be a distance."""
+    used: Mask
+    """(n,) whether the answer takes it for an honest measurement; a usable range that is not used was rejected."""
+    weight: Array
+    """(n,) 1/m^2: the information it brought along its line, robust weight included; 0 where not usable."""
+    residual: Array
+    """(n,) m, measured minus predicted; NaN where not usable."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Every user's frame in one common frame.
+
+    The common frame is metric; its origin and heading are the reference's own at the reference's first pose.
+    """
+
+    reference: str
+    model: str
+    method: str
+    users: Mapping[str, UserRegistration]
+    alternatives: tuple[Alternative, ...]
+    """The joint placements that explain the ranges, best first, where there are two or more; else none."""
+    ranges: RangeVerdicts
+    seconds: Mapping[str, float]
+
+    def between(self, to: str, of: str) -> YawFrame:
+        """`to_from_of`: the frame of user `of` in that of user `to`.
+
+        Raises KeyError for a user that is not there, ValueError for one that has no placement.
+        """
+        to_from_common = self._placed(to).inverse()
+        return to_from_common @ self._placed(of)
+
+    def _placed(self, name: str) -> YawFrame:
+        frame = self.users[name].common_from_user
+        if frame is None:
+            raise ValueError(f"{name} is disconnected: no chain of ranges ties it to {self.reference}")
+        return frame
+
+    def tracks(self, recording: Recording) -> dict[str, Track]:
+        """The track of every user that has a placement, in the common frame; one pose at t = 0 for a static radio."""
+        out = {}
+        for name, user in self.users.items():
+            if user.common_from_user is None:
+                continue
+            if user.static:
+                position = user.common_from_user.translation[None, :]
+                out[name] = Track(np.zeros(1), position, np.array([[0.0, 0.0, 0.0, 1.0]]))
+            else:
+                own = recording.tracks[name]
+                out[name] = replace(
+                    own,
+                    position=user.common_from_user @ own.position,
+                    quat_xyzw=user.common_from_user.rotate_quaternions(own.quat_xyzw),
+                )
+        return out

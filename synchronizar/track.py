@@ -1,0 +1,74 @@
+"""A device's own poses, as its SLAM gave them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array, Mask, freeze_arrays
+
+
+class Poses(NamedTuple):
+    """A track read at n times."""
+
+    position: Array
+    """(n, 3) m, in the device's own frame."""
+    quat_xyzw: Array
+    """(n, 4) attitude: body axes into the device's own frame."""
+    valid: Mask
+    """(n,) whether the track covers that time; where it does not, the numbers mean nothing."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """A device's own poses, in its own frame and by its own clock.
+
+    Raises ValueError where shapes disagree, a number is not finite, or the stamps do not rise strictly.
+    """
+
+    t: Array
+    """(n,) s, strictly rising."""
+    position: Array
+    """(n, 3) m."""
+    quat_xyzw: Array
+    """(n, 4) unit quaternions: body axes into the track's frame."""
+
+    def __post_init__(self) -> None:
+        n = len(self.t)
+        if n == 0 or self.t.shape != (n,) or self.position.shape != (n, 3) or self.quat_xyzw.shape != (n, 4):
+            raise ValueError("a track needs t (n,), position (n, 3) and quat_xyzw (n, 4) with n > 0")
+        if not all(np.isfinite(a).all() for a in (self.t, self.position, self.quat_xyzw)):
+            raise ValueError("a track's numbers must be finite")
+        if n > 1 and np.diff(self.t).min() <= 0.0:
+            raise ValueError("a track's stamps must rise strictly")
+        if np.abs(np.linalg.norm(self.quat_xyzw, axis=1) - 1.0).max() > 1e-6:
+            raise ValueError("a track's quaternions must be of unit length")
+        freeze_arrays(self)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def at(self, t: Array, max_gap: float) -> Poses:
+        """The poses at times t (n,), interpolated: positions linearly, attitudes along the shorter chord.
+
+        A time before the first stamp, after the last, or inside a gap longer than `max_gap` s is not valid.
+        """
+        after = np.clip(np.searchsorted(self.t, t, side="left"), min(1, len(self) - 1), len(self) - 1)
+        before = np.maximum(after - 1, 0)
+        gap = self.t[after] - self.t[before]
+        valid = (t >= self.t[0]) & (t <= self.t[-1])
+        at_a_stamp = (t == self.t[after]) | (t == self.t[before])
+        valid &= (gap <= max_gap) | at_a_stamp
+        u = np.divide(t - self.t[before], gap, out=np.zeros(len(t)), where=gap > 0.0)[:, None]
+        u = np.clip(u, 0.0, 1.0)
+        position = (1.0 - u) * self.position[before] + u * self.position[after]
+        q0, q1 = self.quat_xyzw[before], self.quat_xyzw[after]
+        sign = np.where(np.sum(q0 * q1, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+        chord = (1.0 - u) * q0 + u * sign * q1
+        return Poses(position, chord / np.linalg.norm(chord, axis=1, keepdims=True), valid)
+
+    def extent(self) -> float:
+        """The longest way between any two positions, to within a factor of sqrt(3) (m): the box's diagonal."""
+        return float(np.linalg.norm(np.ptp(self.position, axis=0)))

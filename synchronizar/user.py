@@ -1,0 +1,18 @@
+"""What a recording says of a device besides its track."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class User:
+    """A device as it is described: its name, whether it is a radio that stands still, its antennas."""
+
+    name: str
+    static: bool = False
+    height_sigma: float | None = None
+    """m, 1 sigma: how far its origin may lie above or below the others'; None leaves it to the model."""
+    antennas: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Lever arm (m) of each named antenna in the body frame; none: one antenna at the origin."""
