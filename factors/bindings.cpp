@@ -1,0 +1,136 @@
+// The core's Python face: arrays in, arrays out. Shapes and signs are checked here, once.
+#include <nanobind/eigen/dense.h>
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/variant.h>
+
+#include <tuple>
+#include <utility>
+
+#include "factors/placement_search.h"
+#include "factors/range_block.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace synchronizar;
+
+namespace {
+
+void require(bool good, const char* fault) {
+  if (!good) throw nb::value_error(fault);
+}
+
+void check_ranges(const Points& i, const Points& j, const Column& measured, const Column& sigma,
+                  const Column& late_odds) {
+  const auto n = measured.size();
+  require(n > 0, "at least one range is needed");
+  require(i.rows() == n && j.rows() == n, "antenna positions must be (n, 3), one row a range");
+  require(sigma.size() == n && late_odds.size() == n, "sigma and late_odds must be (n,)");
+  require(i.allFinite() && j.allFinite() && measured.allFinite(), "positions and distances must be finite");
+  require((sigma.array() > 0.0).all() && sigma.allFinite(), "sigma must be positive");
+  require((late_odds.array() >= 0.0).all() && late_odds.allFinite(), "late_odds must not be negative");
+}
+
+Loss make_loss(const LossKind& kind, double annealing) {
+  require(annealing >= 1.0, "annealing must be at least 1");
+  return {kind, annealing};
+}
+
+template <class Kind>
+void bind_loss(nb::class_<Kind>& loss) {
+  loss.def(
+      "__call__",
+      [](const Kind& kind, double e, double sigma, double late_odds) {
+        const LossValue value = kind(e, {sigma, late_odds});
+        return std::tuple(value.rho, value.weight, value.curvature);
+      },
+      "e"_a, "sigma"_a = 1.0, "late_odds"_a = 0.0,
+      "(rho, weight, curvature) of a whitened residual e = (predicted - measured) / sigma");
+}
+
+}  // namespace
+
+NB_MODULE(_core, m) {
+  nb::class_<UserPose>(m, "UserPose")
+      .def(nb::init<double, double, double, double, double, double, double, double>(), "frame_x"_a = 0.0,
+           "frame_y"_a = 0.0, "frame_yaw"_a = 0.0, "frame_height"_a = 0.0, "local_x"_a = 0.0,
+           "local_y"_a = 0.0, "local_yaw"_a = 0.0, "local_height"_a = 0.0);
+
+  nb::class_<Squared> squared(m, "Squared");
+  squared.def(nb::init<>());
+  bind_loss(squared);
+  nb::class_<Huber> huber(m, "Huber");
+  huber.def(nb::init<double>(), "k"_a = Huber{}.k).def_ro("k", &Huber::k);
+  bind_loss(huber);
+  nb::class_<Cauchy> cauchy(m, "Cauchy");
+  cauchy.def(nb::init<double>(), "k"_a = Cauchy{}.k).def_ro("k", &Cauchy::k);
+  bind_loss(cauchy);
+  nb::class_<GemanMcClure> geman_mcclure(m, "GemanMcClure");
+  geman_mcclure.def(nb::init<double>(), "k"_a = GemanMcClure{}.k).def_ro("k", &GemanMcClure::k);
+  bind_loss(geman_mcclure);
+  nb::class_<Late> late(m, "Late");
+  late.def(nb::init<double, double>(), "scale"_a, "early_odds"_a)
+      .def_ro("scale", &Late::scale)
+      .def_ro("early_odds", &Late::early_odds);
+  bind_loss(late);
+
+  nb::class_<RangeBlock>(m, "RangeBlock")
+      .def(
+          "__init__",
+          [](RangeBlock* self, const Points& o_i, const Points& o_j, const Column& measured,
+             const Column& sigma, const Column& late_odds) {
+            check_ranges(o_i, o_j, measured, sigma, late_odds);
+            new (self) RangeBlock(o_i, o_j, measured, sigma, late_odds);
+          },
+          "o_i"_a, "o_j"_a, "measured"_a, "sigma"_a, "late_odds"_a)
+      .def("__len__", &RangeBlock::size)
+      .def("residuals", &RangeBlock::residuals, "i"_a, "j"_a)
+      .def(
+          "cost",
+          [](const RangeBlock& self, const UserPose& i, const UserPose& j, const LossKind& loss,
+             double annealing) { return self.cost(i, j, make_loss(loss, annealing)); },
+          "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
+      .def(
+          "square_root",
+          [](const RangeBlock& self, const UserPose& i, const UserPose& j, const LossKind& loss,
+             double annealing) { return self.square_root(i, j, make_loss(loss, annealing)); },
+          "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
+      .def(
+          "weights",
+          [](const RangeBlock& self, const UserPose& i, const UserPose& j, const LossKind& loss,
+             double annealing) { return self.weights(i, j, make_loss(loss, annealing)); },
+          "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
+      .def("honest", &RangeBlock::honest, "i"_a, "j"_a, "loss"_a);
+
+  m.def(
+      "range_residual",
+      [](const UserPose& i, const Vector3& o_i, const UserPose& j, const Vector3& o_j, double measured) {
+        Eigen::Matrix<double, 1, 2 * kUserColumns> row;
+        const double residual = range_residual(i, o_i, j, o_j, measured, &row);
+        return std::pair(residual, row);
+      },
+      "i"_a, "o_i"_a, "j"_a, "o_j"_a, "measured"_a);
+
+  m.def(
+      "search_placements",
+      [](const Points& known, const Points& own, const Column& measured, const Column& sigma,
+         const Column& late_odds, double height_sigma, bool has_yaw, const Late& loss, double apart,
+         int most_candidates, int most_ranges, double most_cost_above) {
+        check_ranges(known, own, measured, sigma, late_odds);
+        require(height_sigma > 0.0, "height_sigma must be positive");
+        require(most_candidates > 0 && most_ranges > 0, "most_candidates and most_ranges must be positive");
+        const auto found = search_placements(
+            known, own, measured, sigma, late_odds,
+            {height_sigma, has_yaw, loss, apart, most_candidates, most_ranges, most_cost_above});
+        Eigen::Matrix<double, Eigen::Dynamic, 5, Eigen::RowMajor> out(static_cast<Eigen::Index>(found.size()),
+                                                                      5);
+        for (size_t k = 0; k < found.size(); ++k) {
+          const Placement& at = found[k];
+          out.row(static_cast<Eigen::Index>(k)) << at.x, at.y, at.z, at.yaw, at.cost;
+        }
+        return out;
+      },
+      "known"_a, "own"_a, "measured"_a, "sigma"_a, "late_odds"_a, "height_sigma"_a, "has_yaw"_a, "loss"_a,
+      "apart"_a, "most_candidates"_a, "most_ranges"_a, "most_cost_above"_a);
+}

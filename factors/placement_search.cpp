@@ -1,0 +1,321 @@
+#include "factors/placement_search.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <random>
+
+namespace synchronizar {
+namespace {
+
+using FloatArray = Eigen::ArrayXf;
+using std::size_t;
+
+constexpr double kPi = 3.141592653589793;
+constexpr int kCoarseRanges = 64;     // ranges that score a point of the grid
+constexpr int kPairs = 32;            // pairs of ranges that meet, at each yaw and height
+constexpr int kBestOfYaw = 4;         // points that a yaw and height hand on
+constexpr int kCorners = 8;           // antennas by which two placements are told apart
+constexpr double kHeightStep = 0.75;  // m, of the grid over heights that the prior leaves open
+
+constexpr double kWide = 8.0;  // sigmas: the scale of the first refinement's loss
+constexpr int kWideSteps = 5;
+constexpr int kSteps = 10;
+constexpr double kInQuestion =
+    4.0;  // how much worse than `most_cost_above` a start may be after the first refinement
+constexpr int kLeastYaws = 36;
+constexpr int kMostYaws = 360;
+
+struct Problem {
+  const Points& known;
+  const Points& own;
+  const Column& measured;
+  const Column& sigma;
+  const Column& late_odds;
+  const SearchOptions& options;
+};
+
+std::vector<int> even_selection(int of, int at_most) {
+  const int n = std::min(of, at_most);
+  std::vector<int> out(static_cast<size_t>(n));
+  for (int k = 0; k < n; ++k) {
+    out[static_cast<size_t>(k)] = static_cast<int>((2L * k + 1) * of / (2L * n));
+  }
+  return out;
+}
+
+// ---- the grid ----
+
+struct Scored {
+  double x, y, z, yaw, score;
+};
+
+// Sorts the candidates by `key`, best first, and keeps the best few that lie apart: placements that put no
+// antenna of `corners` further than `distance` (m) from where a better one puts it are the same.
+template <class Candidate, class Key>
+void keep_apart(std::vector<Candidate>& candidates, const Points& corners, double distance, size_t at_most,
+                Key key) {
+  std::sort(candidates.begin(), candidates.end(),
+            [&](const Candidate& a, const Candidate& b) { return key(a) < key(b); });
+  std::vector<Candidate> kept;
+  std::vector<Points> places;
+  Points place(corners.rows(), 3);
+  for (const Candidate& c : candidates) {
+    const CommonFromLocal common_from_user({c.x, c.y, c.yaw, c.z});
+    for (Eigen::Index n = 0; n < corners.rows(); ++n) place.row(n) = common_from_user(corners.row(n));
+    const bool is_new = std::none_of(places.begin(), places.end(), [&](const Points& other) {
+      return (place - other).rowwise().squaredNorm().maxCoeff() < distance * distance;
+    });
+    if (!is_new) continue;
+    kept.push_back(c);
+    places.push_back(place);
+    if (kept.size() == at_most) break;
+  }
+  candidates = std::move(kept);
+}
+
+// The same at one yaw and height, where all antennas move alike.
+void keep_best_of_yaw(std::vector<Scored>& candidates, double distance) {
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Scored& a, const Scored& b) { return a.score < b.score; });
+  size_t kept = 0;
+  for (size_t k = 0; k < candidates.size() && kept < kBestOfYaw; ++k) {
+    const Scored c = candidates[k];
+    const auto near = [&](const Scored& other) {
+      return std::hypot(c.x - other.x, c.y - other.y) < distance;
+    };
+    if (std::none_of(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(kept), near)) {
+      candidates[kept++] = c;
+    }
+  }
+  candidates.resize(kept);
+}
+
+// The ranges that score the grid, as arrays of floats: a grid point is only a start.
+struct Coarse {
+  FloatArray cx, cy, cz, qx, qy, qz, d;
+  FloatArray mx, my, mz, dz2;  // centres of the spheres at this yaw, and (z - mz)^2 at this height
+
+  Coarse(const Problem& p, const std::vector<int>& pick) {
+    const auto n = static_cast<Eigen::Index>(pick.size());
+    for (FloatArray* a : {&cx, &cy, &cz, &qx, &qy, &qz, &d}) a->resize(n);
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const int r = pick[static_cast<size_t>(k)];
+      cx[k] = static_cast<float>(p.known(r, 0));
+      cy[k] = static_cast<float>(p.known(r, 1));
+      cz[k] = static_cast<float>(p.known(r, 2));
+      qx[k] = static_cast<float>(p.own(r, 0));
+      qy[k] = static_cast<float>(p.own(r, 1));
+      qz[k] = static_cast<float>(p.own(r, 2));
+      d[k] = static_cast<float>(p.measured[r]);
+    }
+    mz = cz - qz;
+  }
+
+  void set_yaw(double yaw) {
+    const auto c = static_cast<float>(std::cos(yaw)), s = static_cast<float>(std::sin(yaw));
+    mx = cx - c * qx + s * qy;
+    my = cy - s * qx - c * qy;
+  }
+
+  void set_height(double z) { dz2 = (static_cast<float>(z) - mz).square(); }
+
+  // Geman-McClure with the given scale (m), summed.
+  float score(float x, float y, float scale) const {
+    const auto e2 = (((mx - x).square() + (my - y).square() + dz2).sqrt() - d).square();
+    return (e2 / (e2 + scale * scale)).sum();
+  }
+
+  // The points at the set yaw and height that are on the spheres of both ranges a and b; where these do not
+  // meet, the point of the line through their centres that is nearest to both.
+  std::array<std::array<float, 2>, 2> meet(int a, int b, int turn) const {
+    const auto circle = [&](int n) { return std::sqrt(std::max(d[n] * d[n] - dz2[n], 0.0F)); };
+    const float ra = circle(a), rb = circle(b);
+    float ux = mx[b] - mx[a], uy = my[b] - my[a];
+    const float between = std::hypot(ux, uy);
+    if (between < 1e-3F) {  // one circle: any bearing will do
+      const float bearing = 2.3999632F * static_cast<float>(turn);
+      const float x = ra * std::cos(bearing), y = ra * std::sin(bearing);
+      return {{{mx[a] + x, my[a] + y}, {mx[a] - x, my[a] - y}}};
+    }
+    ux /= between;
+    uy /= between;
+    const float along = (between * between + ra * ra - rb * rb) / (2.0F * between);
+    const float h = std::sqrt(std::max(ra * ra - along * along, 0.0F));
+    const float on = std::clamp(along, -ra, ra);
+    return {{{mx[a] + on * ux - h * uy, my[a] + on * uy + h * ux},
+             {mx[a] + on * ux + h * uy, my[a] + on * uy - h * ux}}};
+  }
+};
+
+std::vector<double> heights(double sigma) {
+  std::vector<double> out{0.0};
+  for (double z = kHeightStep; z <= 2.0 * sigma; z += kHeightStep) {
+    out.push_back(z);
+    out.push_back(-z);
+  }
+  return out;
+}
+
+std::vector<Scored> search_grid(const Problem& p, const Points& corners) {
+  const std::vector<int> pick = even_selection(static_cast<int>(p.measured.size()), kCoarseRanges);
+  Coarse ranges(p, pick);
+  const int n = static_cast<int>(pick.size());
+
+  const double reach = std::sqrt(static_cast<double>(
+      ((ranges.qx - ranges.qx.mean()).square() + (ranges.qy - ranges.qy.mean()).square()).mean()));
+  const double noise = p.sigma.mean();
+  // The grid's own error, half a step at the typical antenna, should not exceed what the score forgives.
+  const int yaws = p.options.has_yaw ? std::clamp(static_cast<int>(std::ceil(kPi * reach / (3.0 * noise))),
+                                                  kLeastYaws, kMostYaws)
+                                     : 1;
+  const auto scale =
+      static_cast<float>(std::hypot(3.0 * noise, p.options.has_yaw ? kPi * reach / yaws : 0.0));
+
+  std::mt19937 random(1);  // a fixed draw: the same ranges give the same answer
+  std::vector<std::array<int, 2>> pairs(kPairs);
+  for (auto& pair : pairs) {
+    pair[0] = static_cast<int>(random() % static_cast<unsigned>(n));
+    pair[1] = static_cast<int>(random() % static_cast<unsigned>(n));
+  }
+
+  std::vector<Scored> found, here;
+  for (int k = 0; k < yaws; ++k) {
+    const double yaw = 2.0 * kPi * k / yaws - kPi * (p.options.has_yaw ? 1.0 : 0.0);
+    ranges.set_yaw(yaw);
+    for (const double z : heights(p.options.height_sigma)) {
+      ranges.set_height(z);
+      here.clear();
+      for (int m = 0; m < kPairs; ++m) {
+        const auto& pair = pairs[static_cast<size_t>(m)];
+        for (const auto& xy : ranges.meet(pair[0], pair[1], m)) {
+          here.push_back({xy[0], xy[1], z, yaw, ranges.score(xy[0], xy[1], scale)});
+        }
+      }
+      keep_best_of_yaw(here, 2.0 * scale);
+      found.insert(found.end(), here.begin(), here.end());
+    }
+  }
+  keep_apart(found, corners, 2.0 * scale, static_cast<size_t>(p.options.most_candidates),
+             [](const Scored& s) { return s.score; });
+  return found;
+}
+
+// ---- the refinement ----
+
+double height_cost(double z, double sigma) { return 0.5 * z * z / (sigma * sigma); }
+
+template <class Kind>
+double cost(const Problem& p, const Kind& loss, const Placement& at, const std::vector<int>& pick) {
+  const CommonFromLocal common_from_user({at.x, at.y, at.yaw, at.z});
+  double sum = height_cost(at.z, p.options.height_sigma);
+  for (const int n : pick) {
+    const Line line(p.known.row(n), common_from_user(p.own.row(n)));
+    sum += loss((line.distance - p.measured[n]) / p.sigma[n], {p.sigma[n], p.late_odds[n]}).rho;
+  }
+  return sum;
+}
+
+// Levenberg-Marquardt on (x, y, z, yaw), the turn being about the middle of the user's own antennas, where it
+// is least coupled with the shift.
+template <class Kind>
+void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, const Vector3& middle,
+            int steps, Placement& at) {
+  constexpr double kGain = 1e-3;  // of the cost: less is not worth another step
+  double damping = 1e-3;
+  at.cost = cost(p, loss, at, pick);
+  for (int step = 0; step < steps; ++step) {
+    const CommonFromLocal common_from_user({at.x, at.y, at.yaw, at.z});
+    const Vector3 pivot = common_from_user(middle);
+    Eigen::Matrix4d H = Eigen::Matrix4d::Zero();
+    Eigen::Vector4d g = Eigen::Vector4d::Zero();
+    const double height_weight = 1.0 / (p.options.height_sigma * p.options.height_sigma);
+    H(2, 2) = height_weight;
+    g[2] = height_weight * at.z;
+    for (const int n : pick) {
+      const Line line(p.known.row(n), common_from_user(p.own.row(n)));
+      const double e = (line.distance - p.measured[n]) / p.sigma[n];
+      const double weight = loss(e, {p.sigma[n], p.late_odds[n]}).weight;
+      Eigen::Vector4d row = -line.coordinates() / p.sigma[n];
+      row[3] = p.options.has_yaw
+                   ? row[3] - (line.direction.x() * pivot.y() - line.direction.y() * pivot.x()) / p.sigma[n]
+                   : 0.0;
+      H.noalias() += weight * row * row.transpose();
+      g += weight * e * row;
+    }
+    bool moved = false;
+    for (int attempt = 0; attempt < 4 && !moved; ++attempt) {
+      Eigen::Matrix4d damped = H;
+      damped.diagonal() += damping * H.diagonal();
+      damped.diagonal().array() += 1e-9;
+      const Eigen::Vector4d delta = -damped.ldlt().solve(g);
+      Placement next{0.0, 0.0, 0.0, at.yaw + delta[3], 0.0};
+      const Vector3 origin = pivot + delta.head<3>() - CommonFromLocal({0.0, 0.0, next.yaw, 0.0})(middle);
+      next.x = origin.x();
+      next.y = origin.y();
+      next.z = origin.z();
+      next.cost = cost(p, loss, next, pick);
+      moved = next.cost < at.cost;
+      if (!moved) {
+        damping = std::max(damping * 10.0, 1e-3);
+        continue;
+      }
+      damping *= 0.1;
+      const double gain = at.cost - next.cost;
+      at = next;
+      if (gain < kGain) return;
+    }
+    if (!moved) return;
+  }
+}
+
+}  // namespace
+
+std::vector<Placement> search_placements(const Points& known, const Points& own, const Column& measured,
+                                         const Column& sigma, const Column& late_odds,
+                                         const SearchOptions& options) {
+  const Problem p{known, own, measured, sigma, late_odds, options};
+  const int n = static_cast<int>(measured.size());
+
+  const std::vector<int> corner_rows = even_selection(n, kCorners);
+  Points corners(static_cast<Eigen::Index>(corner_rows.size()), 3);
+  for (size_t k = 0; k < corner_rows.size(); ++k)
+    corners.row(static_cast<Eigen::Index>(k)) = own.row(corner_rows[k]);
+  const Vector3 middle = corners.colwise().mean();
+
+  std::vector<Placement> found;
+  for (const Scored& start : search_grid(p, corners)) {
+    found.push_back({start.x, start.y, start.z, start.yaw, 0.0});
+  }
+  const auto by_cost = [](const Placement& c) { return c.cost; };
+  // Leaves out what is the same as a better one, or more than `above` worse than the best.
+  const auto keep_good = [&](double above) {
+    keep_apart(found, corners, options.apart, found.size(), by_cost);
+    const double most = found.front().cost + above;
+    found.erase(std::find_if(found.begin(), found.end(), [&](const Placement& c) { return c.cost > most; }),
+                found.end());
+  };
+
+  // First a few steps under a wide loss that is cheap, for all; then the true one, for those it leaves in
+  // question.
+  const std::vector<int> few = even_selection(n, kCoarseRanges);
+  const std::vector<int> pick = even_selection(n, options.most_ranges);
+  for (Placement& at : found) {
+    refine(p, GemanMcClure{kWide}, few, middle, kWideSteps, at);
+    at.cost = cost(p, options.loss, at, pick);
+  }
+  keep_good(kInQuestion * options.most_cost_above);
+  for (Placement& at : found) refine(p, options.loss, pick, middle, kSteps, at);
+
+  const std::vector<int> all = even_selection(n, n);
+  for (Placement& at : found) {
+    at.yaw = std::remainder(at.yaw, 2.0 * kPi);
+    at.cost = cost(p, options.loss, at, all);
+  }
+  keep_good(options.most_cost_above);
+  return found;
+}
+
+}  // namespace synchronizar

@@ -1,0 +1,111 @@
+#include "factors/range_block.h"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <utility>
+
+namespace synchronizar {
+
+RangeBlock::RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column late_odds)
+    : o_i_(std::move(o_i)),
+      o_j_(std::move(o_j)),
+      measured_(std::move(measured)),
+      sigma_(std::move(sigma)),
+      late_odds_(std::move(late_odds)) {}
+
+template <class Visit>
+void RangeBlock::for_each_line(const UserPose& i, const UserPose& j, Visit visit) const {
+  const CommonFromLocal common_from_i(i), common_from_j(j);
+  for (Eigen::Index n = 0; n < size(); ++n) {
+    visit(n, Line(common_from_i(o_i_.row(n)), common_from_j(o_j_.row(n))));
+  }
+}
+
+Column RangeBlock::residuals(const UserPose& i, const UserPose& j) const {
+  Column out(size());
+  for_each_line(i, j, [&](Eigen::Index n, const Line& line) { out[n] = line.distance - measured_[n]; });
+  return out;
+}
+
+double RangeBlock::cost(const UserPose& i, const UserPose& j, const Loss& loss) const {
+  double sum = 0.0;
+  std::visit(
+      [&](const auto& kind) {
+        for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
+          const double e = (line.distance - measured_[n]) / sigma_[n];
+          sum += annealed(kind, loss.annealing, e, traits(n)).rho;
+        });
+      },
+      loss.kind);
+  return sum;
+}
+
+RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose& j, const Loss& loss) const {
+  // Chunks keep the memory bounded; the triangle of what came before is stacked on top of each.
+  constexpr Eigen::Index kChunk = 512;
+  constexpr double kLeastCurvature = 0.1;  // of the weight
+  using Triangle = Eigen::Matrix<double, kRows, kRows>;
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, kRows, Eigen::ColMajor, kChunk + kRows, kRows>;
+  Triangle triangle = Triangle::Zero();
+  Rows rows(kChunk + kRows, static_cast<Eigen::Index>(kRows));
+  Eigen::Index filled = kRows;
+  double bending = 0.0;
+  rows.topRows<kRows>().setZero();
+  const auto squeeze = [&] {
+    const Eigen::HouseholderQR<Rows> qr(rows.topRows(filled));
+    triangle = qr.matrixQR().topRows<kRows>().triangularView<Eigen::Upper>();
+    rows.topRows<kRows>() = triangle;
+    filled = kRows;
+  };
+  std::visit(
+      [&](const auto& kind) {
+        for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
+          const double e = (line.distance - measured_[n]) / sigma_[n];
+          const LossValue value = annealed(kind, loss.annealing, e, traits(n));
+          const double slope = value.weight * e;
+          const double root = std::sqrt(std::max(value.curvature, kLeastCurvature * value.weight));
+          if (root == 0.0) return;
+          rows.row(filled).head<4>() = root / sigma_[n] * line.coordinates().transpose();
+          rows(filled, 4) = slope / root;
+          if (++filled == rows.rows()) squeeze();
+          if (line.distance > 0.0) {
+            const double level = 1.0 - line.direction.z() * line.direction.z();
+            bending += slope / sigma_[n] * level / line.distance;
+          }
+        });
+      },
+      loss.kind);
+  if (bending > 0.0) {
+    rows.row(filled).setZero();
+    rows(filled++, 2) = std::sqrt(bending);
+  }
+  squeeze();
+  SquareRoot out;
+  out.leftCols<kUserColumns>() = triangle.leftCols<4>() * line_to_user(i);
+  out.middleCols<kUserColumns>(kUserColumns) = -triangle.leftCols<4>() * line_to_user(j);
+  out.rightCols<1>() = triangle.col(4);
+  return out;
+}
+
+Column RangeBlock::weights(const UserPose& i, const UserPose& j, const Loss& loss) const {
+  Column out(size());
+  std::visit(
+      [&](const auto& kind) {
+        for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
+          const double e = (line.distance - measured_[n]) / sigma_[n];
+          out[n] = annealed(kind, loss.annealing, e, traits(n)).weight;
+        });
+      },
+      loss.kind);
+  return out;
+}
+
+Column RangeBlock::honest(const UserPose& i, const UserPose& j, const Late& late) const {
+  Column out(size());
+  for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
+    out[n] = late.honest((line.distance - measured_[n]) / sigma_[n], traits(n));
+  });
+  return out;
+}
+
+}  // namespace synchronizar

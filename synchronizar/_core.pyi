@@ -1,0 +1,97 @@
+"""The C++ core: ranges evaluated by the million (factors/). Lengths m, angles rad; errors are ValueError."""
+
+from synchronizar.arrays import Array
+
+class UserPose:
+    """What places a user's antennas in the common frame: its frame (F, H) and a keyframe pose (X, Z) within it."""
+
+    def __init__(
+        self,
+        frame_x: float = 0.0,
+        frame_y: float = 0.0,
+        frame_yaw: float = 0.0,
+        frame_height: float = 0.0,
+        local_x: float = 0.0,
+        local_y: float = 0.0,
+        local_yaw: float = 0.0,
+        local_height: float = 0.0,
+    ) -> None: ...
+
+class _Loss:
+    def __call__(self, e: float, sigma: float = 1.0, late_odds: float = 0.0) -> tuple[float, float, float]:
+        """(rho, weight, curvature) of a whitened residual e = (predicted - measured) / sigma."""
+
+class Squared(_Loss): ...
+
+class Huber(_Loss):
+    def __init__(self, k: float = 1.345) -> None: ...
+    @property
+    def k(self) -> float: ...
+
+class Cauchy(_Loss):
+    def __init__(self, k: float = 2.385) -> None: ...
+    @property
+    def k(self) -> float: ...
+
+class GemanMcClure(_Loss):
+    def __init__(self, k: float = 3.0) -> None: ...
+    @property
+    def k(self) -> float: ...
+
+class Late(_Loss):
+    """Honest, or late by a detour of about `scale` m; too short only by garbage, with odds `early_odds`."""
+
+    def __init__(self, scale: float, early_odds: float) -> None: ...
+    @property
+    def scale(self) -> float: ...
+    @property
+    def early_odds(self) -> float: ...
+
+Loss = Squared | Huber | Cauchy | GemanMcClure | Late
+
+class RangeBlock:
+    """n ranges between the antennas of the same two users, evaluated in one call."""
+
+    def __init__(self, o_i: Array, o_j: Array, measured: Array, sigma: Array, late_odds: Array) -> None:
+        """Antennas (n, 3), each in its user's local frame; distances, sigmas and odds of being late (n,)."""
+
+    def __len__(self) -> int: ...
+    def residuals(self, i: UserPose, j: UserPose) -> Array:
+        """(n,) predicted minus measured."""
+
+    def cost(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> float:
+        """The sum of the losses."""
+
+    def square_root(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:
+        """(5, 17): rows over i's F (3), H, X (3), Z, then j's, then the residual.
+
+        Their squares sum to those of all n reweighted rows.
+        """
+
+    def weights(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:
+        """(n,) the weight that the loss gives each range, without 1 / sigma^2."""
+
+    def honest(self, i: UserPose, j: UserPose, loss: Late) -> Array:
+        """(n,) the probability that each range is honest, given its residual."""
+
+def range_residual(i: UserPose, o_i: Array, j: UserPose, o_j: Array, measured: float) -> tuple[float, Array]:
+    """One range: predicted minus measured, and its row (1, 16) over i's F, H, X, Z and j's."""
+
+def search_placements(
+    known: Array,
+    own: Array,
+    measured: Array,
+    sigma: Array,
+    late_odds: Array,
+    height_sigma: float,
+    has_yaw: bool,
+    loss: Late,
+    apart: float,
+    most_candidates: int,
+    most_ranges: int,
+    most_cost_above: float,
+) -> Array:
+    """(m, 5) x, y, z, yaw, cost of every placement of a user that explains its ranges, best first.
+
+    `known` (n, 3) antennas in the common frame, `own` (n, 3) the user's in its own frame.
+    """

@@ -1,0 +1,139 @@
+"""Range factors for gtsam, over the C++ core: usable alone, in anybody's NonlinearFactorGraph.
+
+A user's frame `common_from_user` is a Pose2 (key F) and a height (double, key H). Where its SLAM poses are variables
+too, a keyframe is a Pose2 and a height in the user's own frame (keys X and Z), and antenna positions are
+given in the keyframe's frame. An antenna at o lies at F (X o_xy), H + Z + o_z, and two antennas at their
+distance: factors/range.h has the equations and the Jacobians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import gtsam
+import numpy as np
+from numpy.typing import ArrayLike
+
+from synchronizar._core import RangeBlock, UserPose, range_residual
+from synchronizar.arrays import Array
+
+if TYPE_CHECKING:
+    from synchronizar._core import Loss
+
+_BLOCK_NOISE = gtsam.noiseModel.Unit.Create(5)
+
+_Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
+
+
+class UserKeys(NamedTuple):
+    """The gtsam keys that place one user's antennas."""
+
+    frame: int
+    """Pose2: common_from_user."""
+    height: int
+    """double (m): the height of the user's origin in the common frame."""
+    pose: int | None = None
+    """Pose2: a keyframe in the user's own frame; None where its poses are taken as they are."""
+    local_height: int | None = None
+    """double (m): the keyframe's height; present where `pose` is."""
+
+    def keys(self) -> list[int]:
+        """Those that are there, in the order of the Jacobians."""
+        return [key for key in self if key is not None]
+
+    def columns(self, offset: int) -> list[slice]:
+        """Where each key's columns stand in a row of the core, whose columns for this user begin at `offset`."""
+        bounds = [(0, 3), (3, 4), (4, 7), (7, 8)]
+        return [
+            slice(offset + begin, offset + end)
+            for key, (begin, end) in zip(self, bounds, strict=True)
+            if key is not None
+        ]
+
+    def read(self, values: gtsam.Values) -> UserPose:
+        """The user's pose at these values."""
+        frame, height = values.atPose2(self.frame), values.atDouble(self.height)
+        if self.pose is None or self.local_height is None:
+            return UserPose(frame.x(), frame.y(), frame.theta(), height)
+        pose, local_height = values.atPose2(self.pose), values.atDouble(self.local_height)
+        return UserPose(
+            frame.x(), frame.y(), frame.theta(), height, pose.x(), pose.y(), pose.theta(), local_height
+        )
+
+
+class FixedUser(NamedTuple):
+    """A user that is not estimated: a surveyed anchor, or the reference that holds the gauge."""
+
+    pose: UserPose
+
+    def keys(self) -> list[int]:
+        """None."""
+        return []
+
+    def columns(self, offset: int) -> list[slice]:  # noqa: ARG002 - the face of UserKeys
+        """None."""
+        return []
+
+    def read(self, values: gtsam.Values) -> UserPose:  # noqa: ARG002 - the face of UserKeys
+        """The user's pose, whatever the values."""
+        return self.pose
+
+
+class RangeFactor(gtsam.CustomFactor):  # type: ignore[misc]
+    """One range between an antenna of user i and an antenna of user j; its error is predicted minus measured (m)."""
+
+    def __init__(
+        self,
+        i: UserKeys | FixedUser,
+        j: UserKeys | FixedUser,
+        antenna_i: ArrayLike,
+        antenna_j: ArrayLike,
+        measured: float,
+        noise_model: gtsam.noiseModel.Base,
+    ) -> None:
+        """Antennas (3,) m in the user's own frame, or in that of its keyframe where it has one.
+
+        `noise_model` has dimension 1 and its sigma in m; it may be one of gtsam's robust ones.
+        """
+        columns = i.columns(0) + j.columns(8)
+        o_i, o_j = np.asarray(antenna_i, dtype=float), np.asarray(antenna_j, dtype=float)
+
+        # The closure must not hold `self`: the factor would hold itself through C++ and never be freed.
+        def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+            residual, row = range_residual(i.read(values), o_i, j.read(values), o_j, measured)
+            if jacobians is not None:
+                for k, which in enumerate(columns):
+                    jacobians[k] = row[:, which]
+            return np.array([residual])
+
+        super().__init__(noise_model, i.keys() + j.keys(), error)
+
+
+class RangeBlockFactor(gtsam.CustomFactor):  # type: ignore[misc]
+    """Many ranges between the same two users (and the same two keyframes) under a robust loss, as one factor.
+
+    Its error has five rows, whatever the number of ranges, with the cost and, when linearised, the information of
+    all of them: least squares sees of a range's row only its square, and a range has no more than four
+    numbers and a residual to give (factors/range.h). The error's norm is the loss itself, so that an
+    optimiser's acceptance test stays true.
+    """
+
+    def __init__(
+        self, i: UserKeys | FixedUser, j: UserKeys | FixedUser, block: RangeBlock, loss: Loss, annealing: float = 1.0
+    ) -> None:
+        """`annealing` >= 1 widens the loss (graduated non-convexity)."""
+        columns = i.columns(0) + j.columns(8)
+
+        def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+            pose_i, pose_j = i.read(values), j.read(values)
+            if jacobians is None:
+                norm = np.zeros(5)
+                norm[0] = np.sqrt(2.0 * block.cost(pose_i, pose_j, loss, annealing))
+                return norm
+            root = block.square_root(pose_i, pose_j, loss, annealing)
+            for k, which in enumerate(columns):
+                jacobians[k] = root[:, which]
+            return root[:, -1]
+
+        super().__init__(_BLOCK_NOISE, i.keys() + j.keys(), error)

@@ -1,0 +1,101 @@
+"""Samples and model -> gtsam graph and values; the only place that hands out keys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from synchronizar._core import Late, RangeBlock, UserPose
+from synchronizar.arrays import Array
+from synchronizar.factors import FixedUser, RangeBlockFactor, UserKeys
+from synchronizar.model import Model
+from synchronizar.samples import Pair, Samples, pairs
+from synchronizar.user import User
+
+def keys_of(user: int) -> UserKeys:
+    """The frame and height of a user, where its SLAM poses are trusted as they are."""
+    return UserKeys(gtsam.symbol("F", user), gtsam.symbol("H", user))
+
+
+def late_loss(model: Model) -> Late:
+    """The loss of a range under this model."""
+    return Late(model.late_scale, model.early_share / (1.0 - model.early_share))
+
+
+def height_sigma_of(user: User, model: Model) -> float:
+    """How far the user's origin may lie above or below the others' (m, 1 sigma)."""
+    if user.height_sigma is not None:
+        return user.height_sigma
+    return model.static_height_sigma if user.static else model.height_sigma
+
+
+@dataclass(frozen=True)
+class PairBlock:
+    """All samples of a pair, ready for the core."""
+
+    pair: Pair
+    block: RangeBlock
+
+
+def blocks_of(samples: Samples) -> list[PairBlock]:
+    """One block for each pair that ranges."""
+    out = []
+    for pair in pairs(samples):
+        s = samples[pair.samples]
+        out.append(PairBlock(pair, RangeBlock(s.p_i, s.p_j, s.distance, s.sigma, s.late_odds)))
+    return out
+
+
+class RigidGraph:
+    """The paper's own model, all users at once: SLAM is trusted, a frame and a height per user are the unknowns.
+
+    The reference's frame is the common one; the others' heights have their prior, relative to the reference's; places
+    and headings a prior so wide that it says nothing, but keeps the system solvable where the ranges do not.
+    """
+
+    def __init__(self, blocks: list[PairBlock], users: tuple[User, ...], placed: list[int], reference: int, model: Model):
+        """`placed` are the indices of the users that take part, the reference among them."""
+        self.users = users
+        self.free = [u for u in placed if u != reference]
+        self.reference = reference
+        self.blocks = blocks
+        self._loss = late_loss(model)
+        self._priors = gtsam.NonlinearFactorGraph()
+        wide = gtsam.noiseModel.Diagonal.Sigmas(np.array([model.place_sigma, model.place_sigma, model.yaw_sigma]))
+        for u in self.free:
+            keys = keys_of(u)
+            sigma = max(height_sigma_of(users[u], model), height_sigma_of(users[reference], model))
+            self._priors.addPriorPose2(keys.frame, gtsam.Pose2(), wide)
+            self._priors.addPriorDouble(keys.height, 0.0, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
+
+    def _place(self, user: int) -> UserKeys | FixedUser:
+        return FixedUser(UserPose()) if user == self.reference else keys_of(user)
+
+    def factors(self, annealing: float = 1.0) -> gtsam.NonlinearFactorGraph:
+        """Priors, and one factor for each pair that ranges."""
+        graph = gtsam.NonlinearFactorGraph(self._priors)
+        for b in self.blocks:
+            graph.add(RangeBlockFactor(self._place(b.pair.i), self._place(b.pair.j), b.block, self._loss, annealing))
+        return graph
+
+    def values(self, frames: Array) -> gtsam.Values:
+        """Values at frames (k, 4): x, y, z, yaw of every user; those that are not placed are left out."""
+        values = gtsam.Values()
+        for u in self.free:
+            x, y, z, yaw = frames[u].tolist()
+            keys = keys_of(u)
+            values.insert(keys.frame, gtsam.Pose2(x, y, yaw))
+            values.insert(keys.height, z)
+        return values
+
+    def frames(self, values: gtsam.Values) -> Array:
+        """Frames (k, 4) at these values: x, y, z, yaw; NaN for users that are not placed."""
+        frames = np.full((len(self.users), 4), np.nan)
+        frames[self.reference] = 0.0
+        for u in self.free:
+            keys = keys_of(u)
+            pose = values.atPose2(keys.frame)
+            frames[u] = pose.x(), pose.y(), values.atDouble(keys.height), pose.theta()
+        return frames

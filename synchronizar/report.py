@@ -1,0 +1,140 @@
+"""The answer on paper: registration.json, the tracks in the common frame, and a table to read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.formats.text import os_faults
+from synchronizar.formats.tum import write_tum
+from synchronizar.geometry import YawFrame
+from synchronizar.recording import Recording
+from synchronizar.registration import RangeVerdicts, Registration, State, UserRegistration
+
+PLACE = ("x", "y", "z", "yaw")
+
+
+def registration_json(registration: Registration) -> dict[str, Any]:
+    """What registration.json holds: m, rad, s; None for every number that there is not."""
+    static = {name for name, user in registration.users.items() if user.static}
+    return {
+        "reference": registration.reference,
+        "model": registration.model,
+        "method": registration.method,
+        "users": {name: _user_json(user) for name, user in registration.users.items()},
+        "alternatives": [
+            {
+                "cost": _number(alternative.cost),
+                "users": {name: _place(f, name in static) for name, f in alternative.common_from_user.items()},
+            }
+            for alternative in registration.alternatives
+        ],
+        "ranges": _range_counts(registration.ranges),
+        "seconds": dict(registration.seconds),
+    }
+
+
+def write(registration: Registration, recording: Recording, out_dir: str | Path) -> None:
+    """Write registration.json and <user>.tum for every user that has a placement; an earlier answer is replaced.
+
+    Raises InputError where something cannot be written.
+    """
+    folder = Path(out_dir)
+    with os_faults(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    tracks = registration.tracks(recording)
+    for name in registration.users:
+        file = folder / f"{name}.tum"
+        if name in tracks:
+            write_tum(file, tracks[name])
+        else:
+            with os_faults(file):
+                file.unlink(missing_ok=True)
+    file = folder / "registration.json"
+    with os_faults(file):
+        file.write_text(json.dumps(registration_json(registration), indent=1, allow_nan=False) + "\n")
+
+
+def table(registration: Registration) -> str:
+    """A row for each user: where it is (m, degrees), how sure that is (1 sigma), and why its state is what it is."""
+    head = ("user", "state", "x", "y", "z", "yaw", "± xy", "± z", "± yaw", "")
+    rows = [head, *(_table_row(registration, user) for user in registration.users.values())]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
+    lines = ["  ".join([*_aligned(row[:-1], widths), row[-1]]).rstrip() for row in rows]
+    counts = ", ".join(f"{count} {what}" for what, count in _range_counts(registration.ranges).items())
+    return "\n".join([*lines, f"ranges: {counts}; {sum(registration.seconds.values()):.2f} s"])
+
+
+def _user_json(user: UserRegistration) -> dict[str, Any]:
+    frame = user.common_from_user
+    out: dict[str, Any] = {"state": str(user.state), "reason": user.reason}
+    out |= dict.fromkeys(PLACE) if frame is None else _place(frame, user.static)
+    out |= {
+        "covariance": None if user.covariance is None else [[_number(x) for x in row] for row in user.covariance],
+        "scale": 1.0 if frame is None else frame.scale,
+        # The rigid model takes every radio and every clock for exact.
+        "range_bias": 0.0,
+        "clock_offset": 0.0,
+        "prior_dominated": list(user.prior_dominated),
+    }
+    if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
+        out["unseen_direction"] = dict(zip(PLACE, map(_number, user.unseen_direction), strict=True))
+    return out
+
+
+def _place(frame: YawFrame, static: bool) -> dict[str, float | None]:
+    """A static radio has no heading."""
+    return dict(zip(PLACE, (frame.x, frame.y, frame.z, None if static else frame.yaw), strict=True))
+
+
+def _number(x: float) -> float | None:
+    """None where there is no such number; JSON has no NaN."""
+    return float(x) if np.isfinite(x) else None
+
+
+def _range_counts(verdicts: RangeVerdicts) -> dict[str, int]:
+    return {
+        "used": int(verdicts.used.sum()),
+        "rejected": int((verdicts.usable & ~verdicts.used).sum()),
+        "unusable": int((~verdicts.usable).sum()),
+    }
+
+
+def _table_row(registration: Registration, user: UserRegistration) -> tuple[str, ...]:
+    frame = user.common_from_user
+    place = (np.nan,) * 4
+    if frame is not None:
+        place = (frame.x, frame.y, frame.z, np.nan if user.static else np.degrees(frame.yaw))
+    sigma_xy, sigma_z, sigma_yaw = _sigmas(user.covariance)
+    return (
+        user.name,
+        str(user.state),
+        *(_cell(x, "+.2f") for x in place[:3]),
+        _cell(place[3], "+.1f"),
+        _cell(sigma_xy, ".2f"),
+        _cell(sigma_z, ".2f"),
+        _cell(np.degrees(sigma_yaw), ".1f"),
+        "the reference" if user.name == registration.reference else user.reason,
+    )
+
+
+def _sigmas(covariance: Array | None) -> tuple[float, float, float]:
+    """1 sigma along the longest axis of the ellipse in x and y (m), in z (m) and in yaw (rad); NaN where unknown."""
+    if covariance is None:
+        return np.nan, np.nan, np.nan
+    xx, yy, xy = covariance[0, 0], covariance[1, 1], covariance[0, 1]
+    longest = (xx + yy) / 2.0 + np.hypot((xx - yy) / 2.0, xy)
+    return float(np.sqrt(longest)), float(np.sqrt(covariance[2, 2])), float(np.sqrt(covariance[3, 3]))
+
+
+def _cell(x: float, form: str) -> str:
+    return format(x, form) if np.isfinite(x) else "-"
+
+
+def _aligned(cells: tuple[str, ...], widths: list[int]) -> list[str]:
+    """Names and states to the left, numbers to the right."""
+    return [c.ljust(w) if k < 2 else c.rjust(w) for k, (c, w) in enumerate(zip(cells, widths, strict=False))]
