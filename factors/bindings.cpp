@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "factors/late_bursts.h"
 #include "factors/placement_search.h"
 #include "factors/range_block.h"
 
@@ -101,7 +102,31 @@ NB_MODULE(_core, m) {
           [](const RangeBlock& self, const UserPose& i, const UserPose& j, const LossKind& loss,
              double annealing) { return self.weights(i, j, make_loss(loss, annealing)); },
           "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
+      .def(
+          "with_late_odds",
+          [](const RangeBlock& self, const Column& late_odds) {
+            require(late_odds.size() == self.size(), "late_odds must be (n,)");
+            require((late_odds.array() >= 0.0).all() && late_odds.allFinite(),
+                    "late_odds must not be negative");
+            return self.with_late_odds(late_odds);
+          },
+          "late_odds"_a)
       .def("honest", &RangeBlock::honest, "i"_a, "j"_a, "loss"_a);
+
+  m.def(
+      "judge_bursts",
+      [](const Column& t, const Column& whitened, const Column& sigma, const Column& late_odds,
+         const Late& loss, double share, double mean_duration) {
+        const auto n = t.size();
+        require(whitened.size() == n && sigma.size() == n && late_odds.size() == n,
+                "all columns must be (n,)");
+        require(0.0 < share && share < 1.0 && mean_duration > 0.0,
+                "share must be in (0, 1), mean_duration positive");
+        const ChainVerdict verdict =
+            judge_bursts(t, whitened, sigma, late_odds, loss, {share, mean_duration});
+        return std::pair(verdict.late_odds, verdict.cost);
+      },
+      "t"_a, "whitened"_a, "sigma"_a, "late_odds"_a, "loss"_a, "share"_a, "mean_duration"_a);
 
   m.def(
       "range_residual",

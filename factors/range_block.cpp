@@ -13,6 +13,12 @@ RangeBlock::RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Co
       sigma_(std::move(sigma)),
       late_odds_(std::move(late_odds)) {}
 
+RangeBlock RangeBlock::with_late_odds(Column late_odds) const {
+  RangeBlock out = *this;
+  out.late_odds_ = std::move(late_odds);
+  return out;
+}
+
 template <class Visit>
 void RangeBlock::for_each_line(const UserPose& i, const UserPose& j, Visit visit) const {
   const CommonFromLocal common_from_i(i), common_from_j(j);

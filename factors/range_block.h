@@ -19,6 +19,9 @@ class RangeBlock {
   // and their odds of being late (>= 0). The caller has checked the shapes.
   RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column late_odds);
 
+  // The same ranges with other odds of being late, N of them.
+  RangeBlock with_late_odds(Column late_odds) const;
+
   Eigen::Index size() const { return measured_.size(); }
 
   // Predicted minus measured (m), N of them.

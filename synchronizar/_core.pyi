@@ -71,8 +71,19 @@ class RangeBlock:
     def weights(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:
         """(n,) the weight that the loss gives each range, without 1 / sigma^2."""
 
+    def with_late_odds(self, late_odds: Array) -> RangeBlock:
+        """The same ranges with other odds (n,) of being late."""
+
     def honest(self, i: UserPose, j: UserPose, loss: Late) -> Array:
         """(n,) the probability that each range is honest, given its residual."""
+
+def judge_bursts(
+    t: Array, whitened: Array, sigma: Array, late_odds: Array, loss: Late, share: float, mean_duration: float
+) -> tuple[Array, float]:
+    """(n,) odds of being late that each range's neighbours in time speak for, and the chain's negative log likelihood.
+
+    `t` (n,) s, sorted; `whitened` (n,) residuals over sigma, predicted minus measured.
+    """
 
 def range_residual(i: UserPose, o_i: Array, j: UserPose, o_j: Array, measured: float) -> tuple[float, Array]:
     """One range: predicted minus measured, and its row (1, 16) over i's F, H, X, Z and j's."""

@@ -1,7 +1,14 @@
-"""All users at once: every joint placement that explains the ranges, settled in one graph."""
+"""All users at once: every joint placement that explains the ranges, each settled in one graph.
+
+Which ranges are late and where the users are is found in turn, each given the other (expectation maximisation), and so from
+every start that could lead elsewhere: all placements that the search finds; where signals are late, those that it finds in
+parts of the walk as well, since a part may be free of the burst that misleads the whole; and each user's mirror image in
+height, which a level walk cannot tell from the user itself.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import gtsam
@@ -9,8 +16,13 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.graph import RigidGraph
-from synchronizar.initialise import Hypothesis
+from synchronizar.initialise import Hypothesis, connected, joint_placements
 from synchronizar.model import Model
+from synchronizar.samples import Samples
+
+_GAIN = 1e-3  # of log likelihood: a step that gains less changes nothing that could be measured
+_MOST_ROUNDS = 10
+_PIECES = 12  # that a walk is cut into to draw parts of it
 
 
 class Settled(NamedTuple):
@@ -20,51 +32,77 @@ class Settled(NamedTuple):
     """(k, 4) x, y, z, yaw: common_from_user; NaN where it is not placed."""
     cost: float
     """Negative log likelihood, up to a constant that all placements share."""
+    graph: RigidGraph
+    """The graph whose minimum it is, late bursts judged."""
     values: gtsam.Values
 
 
-def settle_all(graph: RigidGraph, hypotheses: list[Hypothesis], corners: Array, model: Model) -> list[Settled]:
-    """Each hypothesis settled jointly, best first; those that end in the same place once.
-
-    `corners` (k, c, 3) are points of each user's walk in its own frame: placements that move none of them by more than
-    `model.largest_error` are the same.
-    """
-    settled = sorted((_settle(graph, h.frames, model) for h in hypotheses), key=lambda s: s.cost)
-    kept: list[Settled] = []
-    for s in settled:
-        if not any(np.nanmax(moved(s.frames, k.frames, corners)) < model.largest_error for k in kept):
-            kept.append(s)
-    return [s for s in kept if s.cost <= kept[0].cost + model.cost_alive]
-
-
-def moved(frames: Array, others: Array, corners: Array) -> Array:
-    """(k,) m: how far two joint placements (k, 4) lie apart for each user, at the corner (k, c, 3) where it is most."""
-    return np.asarray(np.linalg.norm(_places(frames, corners) - _places(others, corners), axis=2).max(axis=1))
+def solve(samples: Samples, graph: RigidGraph, placed: list[int], model: Model) -> list[Settled]:
+    """Every joint placement that explains the ranges, best first; some may be all but the same."""
+    found = [_settle(graph, h.frames) for h in _search(samples, graph, placed, model)]
+    best = min(found, key=_cost)
+    if (best.graph.honest(best.values) < 0.5).mean() > model.doubtful_share:
+        found += [_settle(graph, s.frames, model.annealing) for s in list(found)]
+        for part in _parts(samples, model):
+            if connected(part, len(graph.users), graph.reference) == placed:
+                found += [_settle(graph, h.frames) for h in _search(part, graph, placed, model)[: model.most_followed]]
+        best = min(found, key=_cost)
+    found += _mirrored(samples, best, placed, model)
+    found.sort(key=_cost)
+    return [s for s in found if s.cost <= found[0].cost + model.cost_excluded]
 
 
-def _places(frames: Array, corners: Array) -> Array:
-    x, y, z, yaw = (column[:, None] for column in frames.T)
-    c, s = np.cos(yaw), np.sin(yaw)
-    px, py, pz = np.moveaxis(corners, 2, 0)
-    return np.stack([x + c * px - s * py, y + s * px + c * py, z + pz], axis=2)
+def _cost(settled: Settled) -> float:
+    return settled.cost
 
 
-def _settle(graph: RigidGraph, frames: Array, model: Model) -> Settled:
+def _search(samples: Samples, graph: RigidGraph, placed: list[int], model: Model) -> list[Hypothesis]:
+    return joint_placements(samples, graph.users, placed, graph.reference, model)
+
+
+def _settle(graph: RigidGraph, frames: Array, annealing: float = 1.0) -> Settled:
     values = graph.values(frames)
-    *wide, last = model.annealing
-    for stage in wide:
-        optimizer = gtsam.LevenbergMarquardtOptimizer(graph.factors(stage), values, _parameters(iterations=3))
-        values = optimizer.optimize()
-    factors = graph.factors(last)
-    values = gtsam.LevenbergMarquardtOptimizer(factors, values, _parameters(iterations=100)).optimize()
-    return Settled(graph.frames(values), factors.error(values), values)
+    if annealing > 1.0:
+        values = _optimize(graph.factors(annealing), values, iterations=3)
+    before, judged = np.inf, graph
+    for _ in range(_MOST_ROUNDS):
+        judged, cost = graph.with_bursts(values)
+        if before - cost < _GAIN:
+            break
+        before = cost
+        values = _optimize(judged.factors(), values, iterations=20)
+    return Settled(graph.frames(values), cost, judged, values)
 
 
-def _parameters(iterations: int) -> gtsam.LevenbergMarquardtParams:
+def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
+    """Random parts of the walk, the same ones each time."""
+    random = np.random.default_rng(0)
+    begin, end = samples.t.min(), samples.t.max()
+    piece = np.minimum((samples.t - begin) / max(end - begin, 1e-9) * _PIECES, _PIECES - 1).astype(int)
+    for _ in range(model.parts):
+        taken = random.permutation(_PIECES) < model.part_share * _PIECES
+        if taken[piece].any():
+            yield samples[taken[piece]]
+
+
+def _mirrored(samples: Samples, best: Settled, placed: list[int], model: Model) -> list[Settled]:
+    """What becomes of each user's mirror image in the mean level of those it ranges to, where that is not far off."""
+    out = []
+    heights = best.frames[:, 2]
+    above = heights[samples.i] + samples.p_i[:, 2] - heights[samples.j] - samples.p_j[:, 2]
+    for u in best.graph.free:
+        i, j = samples.i == u, samples.j == u
+        frames = best.frames.copy()
+        frames[u, 2] -= 2.0 * (above[i].sum() - above[j].sum()) / max(i.sum() + j.sum(), 1)
+        if best.graph.cost(best.graph.values(frames)) < best.graph.cost(best.values) + model.cost_excluded:
+            out.append(_settle(best.graph, frames))
+    return out
+
+
+def _optimize(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int) -> gtsam.Values:
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(iterations)
-    # In units of log likelihood: a step that gains a thousandth changes nothing that could be measured.
-    parameters.setAbsoluteErrorTol(1e-3)
+    parameters.setAbsoluteErrorTol(_GAIN)
     parameters.setRelativeErrorTol(0.0)
     parameters.setlambdaInitial(1e-3)
-    return parameters
+    return gtsam.LevenbergMarquardtOptimizer(factors, values, parameters).optimize()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import copy
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
-from synchronizar._core import Late, RangeBlock, UserPose
+from synchronizar._core import Late, RangeBlock, UserPose, judge_bursts
 from synchronizar.arrays import Array
 from synchronizar.factors import FixedUser, RangeBlockFactor, UserKeys
 from synchronizar.model import Model
@@ -31,11 +32,14 @@ def height_sigma_of(user: User, model: Model) -> float:
     return model.static_height_sigma if user.static else model.height_sigma
 
 
-@dataclass(frozen=True)
-class PairBlock:
+class PairBlock(NamedTuple):
     """All samples of a pair, ready for the core."""
 
     pair: Pair
+    t: Array
+    sigma: Array
+    late_odds: Array
+    """(n,) of each range by itself; the block's may be those that its neighbours in time speak for."""
     block: RangeBlock
 
 
@@ -44,7 +48,8 @@ def blocks_of(samples: Samples) -> list[PairBlock]:
     out = []
     for pair in pairs(samples):
         s = samples[pair.samples]
-        out.append(PairBlock(pair, RangeBlock(s.p_i, s.p_j, s.distance, s.sigma, s.late_odds)))
+        block = RangeBlock(s.p_i, s.p_j, s.distance, s.sigma, s.late_odds)
+        out.append(PairBlock(pair, s.t, s.sigma, s.late_odds, block))
     return out
 
 
@@ -61,6 +66,7 @@ class RigidGraph:
         self.free = [u for u in placed if u != reference]
         self.reference = reference
         self.blocks = blocks
+        self._model = model
         self._loss = late_loss(model)
         self._priors = gtsam.NonlinearFactorGraph()
         wide = gtsam.noiseModel.Diagonal.Sigmas(np.array([model.place_sigma, model.place_sigma, model.yaw_sigma]))
@@ -69,6 +75,43 @@ class RigidGraph:
             sigma = max(height_sigma_of(users[u], model), height_sigma_of(users[reference], model))
             self._priors.addPriorPose2(keys.frame, gtsam.Pose2(), wide)
             self._priors.addPriorDouble(keys.height, 0.0, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
+
+    def with_bursts(self, values: gtsam.Values) -> tuple[RigidGraph, float]:
+        """The same graph, each range's odds of being late now those that its neighbours in time speak for.
+
+        And the cost of these values, bursts considered: the negative log likelihood of all ranges, and the priors'.
+        """
+        blocks, cost = [], 0.0
+        for b in self.blocks:
+            whitened = b.block.residuals(*self._ends(b, values)) / b.sigma
+            odds, chain_cost = judge_bursts(
+                b.t, whitened, b.sigma, b.late_odds, self._loss, self._model.late_share, self._model.late_duration
+            )
+            blocks.append(b._replace(block=b.block.with_late_odds(odds)))
+            cost += chain_cost
+        out = copy(self)
+        out.blocks = blocks
+        return out, cost + float(self._priors.error(values))
+
+    def cost(self, values: gtsam.Values) -> float:
+        """The sum of all losses and priors, each range by itself."""
+        ranges = sum(b.block.cost(*self._ends(b, values), self._loss) for b in self.blocks)
+        return ranges + float(self._priors.error(values))
+
+    def honest(self, values: gtsam.Values) -> Array:
+        """The probability that each range is honest (n,), in the order of the samples."""
+        return np.concatenate([b.block.honest(*self._ends(b, values), self._loss) for b in self.blocks])
+
+    def residuals(self, values: gtsam.Values) -> Array:
+        """Measured minus predicted (n,) m, in the order of the samples."""
+        return -np.concatenate([b.block.residuals(*self._ends(b, values)) for b in self.blocks])
+
+    def weights(self, values: gtsam.Values) -> Array:
+        """The weight (n,) that the loss gives each range, without 1 / sigma^2, in the order of the samples."""
+        return np.concatenate([b.block.weights(*self._ends(b, values), self._loss) for b in self.blocks])
+
+    def _ends(self, b: PairBlock, values: gtsam.Values) -> tuple[UserPose, UserPose]:
+        return self._place(b.pair.i).read(values), self._place(b.pair.j).read(values)
 
     def _place(self, user: int) -> UserKeys | FixedUser:
         return FixedUser(UserPose()) if user == self.reference else keys_of(user)

@@ -14,6 +14,8 @@ class Model:
     """1 sigma of an honest range whose recording does not say: the paper's DW1000 figure."""
     late_share: float = 0.2
     """How many ranges are late where nothing tells: they lose their say from about 2.5 sigma on."""
+    late_duration: float = 1.0
+    """How long (s) a line of sight that is blocked stays so, on average: a body or a pillar between two walkers."""
     late_scale: float = 1.0
     """The typical length of a detour."""
     early_share: float = 0.002
@@ -56,8 +58,16 @@ class Model:
     """Joint placements that are kept while users are added."""
     cost_alive: float = 30.0
     """A placement is kept while its negative log likelihood is at most this much above the best one's."""
-    annealing: tuple[float, ...] = (3.0, 1.0)
-    """The stages of the joint solve: how many times wider than true the loss is (graduated non-convexity)."""
+    annealing: float = 3.0
+    """How many times wider than true the loss is at first, where the answer is in doubt (graduated non-convexity)."""
+    doubtful_share: float = 0.02
+    """Where more of the ranges than this are taken for late, the answer is looked for again in parts of the walk."""
+    parts: int = 10
+    """How many parts are tried."""
+    most_followed: int = 3
+    """Joint placements that are followed from each."""
+    part_share: float = 0.4
+    """How much of the walk a part is, in pieces of a twelfth drawn at random."""
 
     # When the answer is called good
     cost_excluded: float = 10.0

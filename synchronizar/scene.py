@@ -55,7 +55,7 @@ class Scene:
     """m: side of the square room."""
     height: float = 1.4
     """m: of the devices above the floor."""
-    height_spread: float = 0.15
+    height_spread: float = 0.1
     """m, 1 sigma: of each device's own height about `height`."""
     height_bob: float = 0.05
     """m: amplitude of the up and down of each step; once to twice as much comes and goes slowly. 0: level walks."""

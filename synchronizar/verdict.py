@@ -8,10 +8,21 @@ import gtsam
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.batch import Settled, moved
-from synchronizar.graph import RigidGraph, keys_of
+from synchronizar.batch import Settled
+from synchronizar.graph import keys_of
 from synchronizar.model import Model
 from synchronizar.registration import State
+
+
+class Placement(NamedTuple):
+    """A joint placement and its uncertainty; minima that are all but the same count as one."""
+
+    cost: float
+    """Negative log likelihood of its best minimum."""
+    frames: Array
+    """(k, 4) x, y, z, yaw: the mean over its minima, each weighing what its likelihood says."""
+    covariances: Array
+    """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad): within the minima, and between them."""
 
 
 class Verdict(NamedTuple):
@@ -19,44 +30,105 @@ class Verdict(NamedTuple):
 
     state: State
     reason: str
-    covariance: Array
     unseen_direction: Array | None = None
     prior_dominated: tuple[str, ...] = ()
 
 
-def verdicts(graph: RigidGraph, settled: list[Settled], corners: Array, model: Model) -> dict[int, Verdict]:
-    """The verdict on each placed user but the reference, at the best of the settled placements."""
-    best = settled[0]
-    likely = [s for s in settled[1:] if s.cost - best.cost < model.cost_excluded]
-    away = np.zeros(len(graph.users))
-    for s in likely:
-        away = np.fmax(away, moved(best.frames, s.frames, corners))
-    out = {}
-    for u, covariance in covariances(graph, best).items():
-        if away[u] > model.largest_error:
-            out[u] = Verdict(State.AMBIGUOUS, f"{1 + len(likely)} placements explain the ranges", covariance)
-            continue
-        spread, direction = _largest_spread(covariance, best.frames[u, 3], corners[u])
-        yaw_sigma = float(np.sqrt(covariance[3, 3]))
-        quantile = np.sqrt(-2.0 * np.log(model.wrong_share))
-        static = graph.users[u].static
-        if spread * quantile > model.largest_error:
-            out[u] = Verdict(State.UNOBSERVABLE, f"placed to {spread:.2f} m only (1 sigma)", covariance, direction)
-        elif not static and yaw_sigma * quantile > model.largest_yaw_error:
-            out[u] = Verdict(State.UNOBSERVABLE, f"heading known to {yaw_sigma:.2f} rad only (1 sigma)", covariance, direction)
+def placements(settled: list[Settled], corners: Array, model: Model) -> list[Placement]:
+    """The minima (best first) gathered into placements that differ.
+
+    `corners` (k, c, 3) are points of each user's walk in its own frame; minima that move none of them by more than
+    `model.largest_error` are the same placement.
+    """
+    groups: list[list[Settled]] = []
+    for s in settled:
+        for group in groups:
+            if np.nanmax(moved(s.frames, group[0].frames, corners)) < model.largest_error:
+                group.append(s)
+                break
         else:
-            out[u] = Verdict(State.REGISTERED, f"placed to {spread:.2f} m (1 sigma)", covariance)
+            groups.append([s])
+    return [_merge(group) for group in groups]
+
+
+def _merge(group: list[Settled]) -> Placement:
+    """Moment matching of a mixture of Gaussians, one at each minimum that is not a repetition (Laplace's method)."""
+    best = group[0]
+    distinct = [best]
+    for s in group[1:]:
+        if all(np.nanmax(np.abs(_difference(s.frames, d.frames))) > 1e-2 for d in distinct):
+            distinct.append(s)
+    within = np.array([covariances(s) for s in distinct])
+    log_weight = np.array([-s.cost for s in distinct])
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    away = np.array([_difference(s.frames, best.frames) for s in distinct])
+    mean = np.einsum("m,mkc->kc", weight, away)
+    spread = away - mean
+    covariance = np.einsum("m,mkcd->kcd", weight, within) + np.einsum("m,mkc,mkd->kcd", weight, spread, spread)
+    frames = best.frames + mean
+    frames[:, 3] = np.remainder(frames[:, 3] + np.pi, 2.0 * np.pi) - np.pi
+    return Placement(best.cost, frames, covariance)
+
+
+def _difference(frames: Array, others: Array) -> Array:
+    out = frames - others
+    out[:, 3] = np.remainder(out[:, 3] + np.pi, 2.0 * np.pi) - np.pi
     return out
 
 
-def covariances(graph: RigidGraph, settled: Settled) -> dict[int, Array]:
-    """(4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), for each free user; from the joint marginals."""
+def verdicts(found: list[Placement], static: list[bool], corners: Array, model: Model) -> list[Verdict | None]:
+    """The verdict on each user that is placed."""
+    best = found[0]
+    away = np.zeros(len(static))
+    for other in found[1:]:
+        away = np.fmax(away, moved(best.frames, other.frames, corners))
+    out: list[Verdict | None] = []
+    for u, is_static in enumerate(static):
+        if np.isnan(best.frames[u, 0]):
+            out.append(None)
+            continue
+        covariance = best.covariances[u]
+        if away[u] > model.largest_error:
+            out.append(Verdict(State.AMBIGUOUS, f"{len(found)} placements explain the ranges"))
+            continue
+        spread, direction = _largest_spread(covariance, best.frames[u, 3], corners[u])
+        yaw_sigma = float(np.sqrt(covariance[3, 3]))
+        quantile = 3.2905
+        if spread * quantile > model.largest_error:
+            out.append(Verdict(State.UNOBSERVABLE, f"placed to {spread:.2f} m only (1 sigma)", direction))
+        elif not is_static and yaw_sigma * quantile > model.largest_yaw_error:
+            out.append(Verdict(State.UNOBSERVABLE, f"heading known to {yaw_sigma:.2f} rad only (1 sigma)", direction))
+        else:
+            out.append(Verdict(State.REGISTERED, f"placed to {spread:.2f} m (1 sigma)"))
+    return out
+
+
+def moved(frames: Array, others: Array, corners: Array) -> Array:
+    """(k,) m: how far two joint placements (k, 4) lie apart for each user, at the corner (k, c, 3) where it is most."""
+    return np.asarray(np.linalg.norm(_places(frames, corners) - _places(others, corners), axis=2).max(axis=1))
+
+
+def _places(frames: Array, corners: Array) -> Array:
+    x, y, z, yaw = (column[:, None] for column in frames.T)
+    c, s = np.cos(yaw), np.sin(yaw)
+    px, py, pz = np.moveaxis(corners, 2, 0)
+    return np.stack([x + c * px - s * py, y + s * px + c * py, z + pz], axis=2)
+
+
+def covariances(settled: Settled) -> Array:
+    """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), from the joint marginals.
+
+    Zero for the reference, which is exact by definition; NaN for users that are not placed.
+    """
+    graph = settled.graph
     marginals = gtsam.Marginals(graph.factors(), settled.values)
-    out = {}
+    out = np.full((len(graph.users), 4, 4), np.nan)
+    out[graph.reference] = 0.0
     for u in graph.free:
-        keys = keys_of(u)
-        joint = marginals.jointMarginalCovariance(keys.keys())
-        body = np.block([[joint.at(a, b) for b in keys.keys()] for a in keys.keys()])
+        keys = keys_of(u).keys()
+        joint = marginals.jointMarginalCovariance(keys)
+        body = np.block([[joint.at(a, b) for b in keys] for a in keys])
         # Pose2's tangent is (v in its own axes, yaw), then the height: turned into the common axes and put in order.
         c, s = np.cos(settled.frames[u, 3]), np.sin(settled.frames[u, 3])
         common_from_body = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]])
@@ -74,4 +146,4 @@ def _largest_spread(covariance: Array, yaw: float, corners: Array) -> tuple[floa
     variances, directions = np.linalg.eigh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     worst = int(np.argmax(variances[:, -1]))
     error = covariance @ jacobians[worst].T @ directions[worst, :, -1]
-    return float(np.sqrt(variances[worst, -1])), error / np.linalg.norm(error)
+    return float(np.sqrt(max(variances[worst, -1], 0.0))), error / max(float(np.linalg.norm(error)), 1e-12)

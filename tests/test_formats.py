@@ -62,8 +62,7 @@ def test_quaternions_of_any_length_are_made_unit_ones(tum: Path) -> None:
 
 def test_a_y_up_track_stands_upright_and_keeps_its_body_axes(tum: Path) -> None:
     # A phone at (1, 2, 3) in a y-up frame, turned by +90 degrees about that frame's y axis.
-    half = np.sqrt(0.5)
-    tum.write_text(f"0 1 2 3 0 {half!r} 0 {half!r}\n")
+    tum.write_text("0 1 2 3 0 1 0 1\n")
     track = read_tum(tum, "y")
     np.testing.assert_allclose(track.position, [[-3.0, -1.0, 2.0]])
     # Its body x axis pointed along -z of y-up, which is x of z-up; its body y axis stays the vertical.
@@ -132,6 +131,14 @@ def test_without_antenna_columns_only_users_with_several_are_in_doubt(csv: Path)
     csv.write_text("t,a,b,range\n0,bob,beacon,1\n0,beacon,alice,1\n")
     with pytest.raises(InputError, match=r"ranges\.csv:3: antenna_b is '': alice has the antennas left, right$"):
         read_ranges_csv(csv, USERS)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1", 1), ("0", 0), ("1.0", 1), ("0.0", 0), ("True", 1), ("false", 0), ("", np.nan)]
+)
+def test_nlos_is_read_as_people_write_it(csv: Path, text: str, value: float) -> None:
+    csv.write_text(f"t,a,b,range,nlos\n0,bob,beacon,1,{text}\n")
+    np.testing.assert_array_equal(read_ranges_csv(csv, USERS).nlos, [value])
 
 
 def test_a_power_of_minus_infinity_is_not_known(csv: Path) -> None:

@@ -86,7 +86,12 @@ def registration() -> Registration:
     )
 
 
+def place(x: float | None, y: float | None, z: float | None, yaw: float | None) -> dict[str, float | None]:
+    return {"x": x, "y": y, "z": z, "yaw": yaw}
+
+
 def test_the_contract_is_kept(registration: Registration) -> None:
+    exact = {"scale": 1.0, "range_bias": 0.0, "clock_offset": 0.0}
     assert json.loads(json.dumps(report.registration_json(registration), allow_nan=False)) == {
         "reference": "alice",
         "model": "rigid",
@@ -95,44 +100,51 @@ def test_the_contract_is_kept(registration: Registration) -> None:
             "alice": {
                 "state": "registered",
                 "reason": "reference",
-                **{"x": 0.0, "y": 0.0, "z": 0.0, "yaw": 0.0, "covariance": [[0.0] * 4] * 4},
-                **{"scale": 1.0, "range_bias": 0.0, "clock_offset": 0.0, "prior_dominated": []},
+                **place(0.0, 0.0, 0.0, 0.0),
+                "covariance": [[0.0] * 4] * 4,
+                **exact,
+                "prior_dominated": [],
             },
             "beacon": {
                 "state": "ambiguous",
                 "reason": "a mirror image fits too",
-                **{"x": 1.0, "y": 2.0, "z": 3.0, "yaw": None},
+                **place(1.0, 2.0, 3.0, None),
                 "covariance": [[0.01, 0, 0, None], [0, 0.04, 0, None], [0, 0, 0.09, None], [None] * 4],
-                **{"scale": 1.0, "range_bias": 0.0, "clock_offset": 0.0, "prior_dominated": []},
+                **exact,
+                "prior_dominated": [],
             },
             "bob": {
                 "state": "registered",
                 "reason": "seen from all sides",
-                **{"x": 4.0, "y": -5.0, "z": 0.5, "yaw": np.pi / 2.0},
+                **place(4.0, -5.0, 0.5, np.pi / 2.0),
                 "covariance": [[9, 0, 0, 0], [0, 4, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0.25]],
-                **{"scale": 1.0, "range_bias": 0.0, "clock_offset": 0.0, "prior_dominated": []},
+                **exact,
+                "prior_dominated": [],
             },
             "carol": {
                 "state": "unobservable",
                 "reason": "stood still",
-                **{"x": 1.0, "y": 1.0, "z": 1.0, "yaw": 1.0},
+                **place(1.0, 1.0, 1.0, 1.0),
                 "covariance": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, None]],
-                **{"scale": 1.0, "range_bias": 0.0, "clock_offset": 0.0, "prior_dominated": ["z", "yaw"]},
+                **exact,
+                "prior_dominated": ["z", "yaw"],
                 "unseen_direction": {"x": 0.0, "y": 0.0, "z": None, "yaw": 1.0},
             },
             "dave": {
                 "state": "disconnected",
                 "reason": "no ranges",
-                **{"x": None, "y": None, "z": None, "yaw": None, "covariance": None},
-                **{"scale": 1.0, "range_bias": 0.0, "clock_offset": 0.0, "prior_dominated": []},
+                **place(None, None, None, None),
+                "covariance": None,
+                **exact,
+                "prior_dominated": [],
             },
         },
         "alternatives": [
             {
                 "cost": cost,
                 "users": {
-                    "beacon": {"x": 1.0, "y": 2.0, "z": z, "yaw": None},
-                    "bob": {"x": 4.0, "y": -5.0, "z": 0.5, "yaw": np.pi / 2.0},
+                    "beacon": place(1.0, 2.0, z, None),
+                    "bob": place(4.0, -5.0, 0.5, np.pi / 2.0),
                 },
             }
             for cost, z in ((0.0, 3.0), (0.25, -3.0))

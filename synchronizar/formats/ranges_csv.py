@@ -30,7 +30,8 @@ from synchronizar.user import User
 
 REQUIRED = ("t", "a", "b", "range")
 OPTIONAL = ("sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos")
-NLOS = {"": np.nan, "0": 0.0, "false": 0.0, "1": 1.0, "true": 1.0}
+# 0.0 and 1.0 is how tables that know no blank integers write them.
+NLOS = {"": np.nan, "0": 0.0, "0.0": 0.0, "false": 0.0, "1": 1.0, "1.0": 1.0, "true": 1.0}
 CHUNK_LINES = 2048
 """Read at a time: few enough for their text to stay in the processor's cache, which makes it twice as fast."""
 
@@ -63,7 +64,7 @@ def write_ranges_csv(path: Path, ranges: Ranges, users: Sequence[User]) -> None:
         "antenna_b": _antenna_names(users, ranges.b, ranges.antenna_b),
         "rx_power": _blank_where_unknown(ranges.rx_power),
         "fp_power": _blank_where_unknown(ranges.fp_power),
-        "nlos": _blank_where_unknown(ranges.nlos),
+        "nlos": np.select([ranges.nlos == 0.0, ranges.nlos == 1.0], ["0", "1"], default=""),
     }
     known = {name: column for name, column in columns.items() if name in REQUIRED or (column != "").any()}
     with os_faults(path), path.open("w", encoding="utf-8", newline="") as file:
