@@ -37,17 +37,25 @@ class Settled(NamedTuple):
     values: gtsam.Values
 
 
-def solve(samples: Samples, graph: RigidGraph, placed: list[int], model: Model) -> list[Settled]:
-    """Every joint placement that explains the ranges, best first; some may be all but the same."""
-    found = [_settle(graph, h.frames) for h in _search(samples, graph, placed, model)]
+def solve(
+    samples: Samples, graph: RigidGraph, placed: list[int], starts: list[Hypothesis], model: Model
+) -> list[Settled]:
+    """Every joint placement that explains the ranges, best first; some may be all but the same.
+
+    `starts` are those that the search found in the whole walk.
+    """
+    found = [_settle(graph, h.frames) for h in starts]
+    if not graph.free:
+        return found
     best = min(found, key=_cost)
     if (best.graph.honest(best.values) < 0.5).mean() > model.doubtful_share:
         found += [_settle(graph, s.frames, model.annealing) for s in list(found)]
         for part in _parts(samples, model):
             if connected(part, len(graph.users), graph.reference) == placed:
-                found += [_settle(graph, h.frames) for h in _search(part, graph, placed, model)[: model.most_followed]]
+                likely = joint_placements(part, graph.users, placed, graph.reference, model)[: model.most_followed]
+                found += [_settle(graph, h.frames) for h in likely]
         best = min(found, key=_cost)
-    found += _mirrored(samples, best, placed, model)
+    found += _mirrored(samples, best, model)
     found.sort(key=_cost)
     return [s for s in found if s.cost <= found[0].cost + model.cost_excluded]
 
@@ -56,12 +64,10 @@ def _cost(settled: Settled) -> float:
     return settled.cost
 
 
-def _search(samples: Samples, graph: RigidGraph, placed: list[int], model: Model) -> list[Hypothesis]:
-    return joint_placements(samples, graph.users, placed, graph.reference, model)
-
-
 def _settle(graph: RigidGraph, frames: Array, annealing: float = 1.0) -> Settled:
     values = graph.values(frames)
+    if not graph.free:
+        return Settled(frames, 0.0, graph, values)
     if annealing > 1.0:
         values = _optimize(graph.factors(annealing), values, iterations=3)
     before, judged = np.inf, graph
@@ -85,7 +91,7 @@ def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
             yield samples[taken[piece]]
 
 
-def _mirrored(samples: Samples, best: Settled, placed: list[int], model: Model) -> list[Settled]:
+def _mirrored(samples: Samples, best: Settled, model: Model) -> list[Settled]:
     """What becomes of each user's mirror image in the mean level of those it ranges to, where that is not far off."""
     out = []
     heights = best.frames[:, 2]

@@ -57,9 +57,7 @@ class UserKeys(NamedTuple):
         if self.pose is None or self.local_height is None:
             return UserPose(frame.x(), frame.y(), frame.theta(), height)
         pose, local_height = values.atPose2(self.pose), values.atDouble(self.local_height)
-        return UserPose(
-            frame.x(), frame.y(), frame.theta(), height, pose.x(), pose.y(), pose.theta(), local_height
-        )
+        return UserPose(frame.x(), frame.y(), frame.theta(), height, pose.x(), pose.y(), pose.theta(), local_height)
 
 
 class FixedUser(NamedTuple):
@@ -80,7 +78,7 @@ class FixedUser(NamedTuple):
         return self.pose
 
 
-class RangeFactor(gtsam.CustomFactor):  # type: ignore[misc]
+class RangeFactor(gtsam.CustomFactor):
     """One range between an antenna of user i and an antenna of user j; its error is predicted minus measured (m)."""
 
     def __init__(
@@ -110,7 +108,7 @@ class RangeFactor(gtsam.CustomFactor):  # type: ignore[misc]
         super().__init__(noise_model, i.keys() + j.keys(), error)
 
 
-class RangeBlockFactor(gtsam.CustomFactor):  # type: ignore[misc]
+class RangeBlockFactor(gtsam.CustomFactor):
     """Many ranges between the same two users (and the same two keyframes) under a robust loss, as one factor.
 
     Its error has five rows, whatever the number of ranges, with the cost and, when linearised, the information of

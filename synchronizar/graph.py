@@ -15,6 +15,7 @@ from synchronizar.model import Model
 from synchronizar.samples import Pair, Samples, pairs
 from synchronizar.user import User
 
+
 def keys_of(user: int) -> UserKeys:
     """The frame and height of a user, where its SLAM poses are trusted as they are."""
     return UserKeys(gtsam.symbol("F", user), gtsam.symbol("H", user))
@@ -53,6 +54,10 @@ def blocks_of(samples: Samples) -> list[PairBlock]:
     return out
 
 
+def _join(columns: list[Array]) -> Array:
+    return np.concatenate([np.zeros(0), *columns])
+
+
 class RigidGraph:
     """The paper's own model, all users at once: SLAM is trusted, a frame and a height per user are the unknowns.
 
@@ -60,7 +65,9 @@ class RigidGraph:
     and headings a prior so wide that it says nothing, but keeps the system solvable where the ranges do not.
     """
 
-    def __init__(self, blocks: list[PairBlock], users: tuple[User, ...], placed: list[int], reference: int, model: Model):
+    def __init__(
+        self, blocks: list[PairBlock], users: tuple[User, ...], placed: list[int], reference: int, model: Model
+    ):
         """`placed` are the indices of the users that take part, the reference among them."""
         self.users = users
         self.free = [u for u in placed if u != reference]
@@ -100,15 +107,15 @@ class RigidGraph:
 
     def honest(self, values: gtsam.Values) -> Array:
         """The probability that each range is honest (n,), in the order of the samples."""
-        return np.concatenate([b.block.honest(*self._ends(b, values), self._loss) for b in self.blocks])
+        return _join([b.block.honest(*self._ends(b, values), self._loss) for b in self.blocks])
 
     def residuals(self, values: gtsam.Values) -> Array:
         """Measured minus predicted (n,) m, in the order of the samples."""
-        return -np.concatenate([b.block.residuals(*self._ends(b, values)) for b in self.blocks])
+        return -_join([b.block.residuals(*self._ends(b, values)) for b in self.blocks])
 
     def weights(self, values: gtsam.Values) -> Array:
         """The weight (n,) that the loss gives each range, without 1 / sigma^2, in the order of the samples."""
-        return np.concatenate([b.block.weights(*self._ends(b, values), self._loss) for b in self.blocks])
+        return _join([b.block.weights(*self._ends(b, values), self._loss) for b in self.blocks])
 
     def _ends(self, b: PairBlock, values: gtsam.Values) -> tuple[UserPose, UserPose]:
         return self._place(b.pair.i).read(values), self._place(b.pair.j).read(values)

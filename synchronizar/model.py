@@ -72,7 +72,7 @@ class Model:
     # When the answer is called good
     cost_excluded: float = 10.0
     """An alternative is excluded by data that make it e^-10 times as likely as the best."""
-    largest_error: float = 0.5
+    largest_error: float = 0.6
     """A placement that is off by more than this, anywhere on the user's own walk, is wrong."""
     largest_yaw_error: float = 0.5
     """A heading that is off by more than this is wrong."""

@@ -12,6 +12,8 @@ from synchronizar.batch import Settled
 from synchronizar.graph import keys_of
 from synchronizar.model import Model
 from synchronizar.registration import State
+from synchronizar.samples import Samples
+from synchronizar.user import User
 
 
 class Placement(NamedTuple):
@@ -77,16 +79,21 @@ def _difference(frames: Array, others: Array) -> Array:
     return out
 
 
-def verdicts(found: list[Placement], static: list[bool], corners: Array, model: Model) -> list[Verdict | None]:
+def verdicts(
+    found: list[Placement], settled: Settled, samples: Samples, users: tuple[User, ...], corners: Array, model: Model
+) -> list[Verdict | None]:
     """The verdict on each user that is placed."""
     best = found[0]
-    away = np.zeros(len(static))
+    away = np.zeros(len(users))
     for other in found[1:]:
         away = np.fmax(away, moved(best.frames, other.frames, corners))
     out: list[Verdict | None] = []
-    for u, is_static in enumerate(static):
+    for u, user in enumerate(users):
         if np.isnan(best.frames[u, 0]):
             out.append(None)
+            continue
+        if u == settled.graph.reference:
+            out.append(Verdict(State.REGISTERED, "the reference: its frame is the common one"))
             continue
         covariance = best.covariances[u]
         if away[u] > model.largest_error:
@@ -97,7 +104,7 @@ def verdicts(found: list[Placement], static: list[bool], corners: Array, model: 
         quantile = 3.2905
         if spread * quantile > model.largest_error:
             out.append(Verdict(State.UNOBSERVABLE, f"placed to {spread:.2f} m only (1 sigma)", direction))
-        elif not is_static and yaw_sigma * quantile > model.largest_yaw_error:
+        elif not user.static and yaw_sigma * quantile > model.largest_yaw_error:
             out.append(Verdict(State.UNOBSERVABLE, f"heading known to {yaw_sigma:.2f} rad only (1 sigma)", direction))
         else:
             out.append(Verdict(State.REGISTERED, f"placed to {spread:.2f} m (1 sigma)"))
@@ -122,9 +129,11 @@ def covariances(settled: Settled) -> Array:
     Zero for the reference, which is exact by definition; NaN for users that are not placed.
     """
     graph = settled.graph
-    marginals = gtsam.Marginals(graph.factors(), settled.values)
     out = np.full((len(graph.users), 4, 4), np.nan)
     out[graph.reference] = 0.0
+    if not graph.free:
+        return out
+    marginals = gtsam.Marginals(graph.factors(), settled.values)
     for u in graph.free:
         keys = keys_of(u).keys()
         joint = marginals.jointMarginalCovariance(keys)
