@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from synchronizar.model import Model
     from synchronizar.ranges import Ranges
     from synchronizar.recording import Recording
-    from synchronizar.register import register
+    from synchronizar.pipeline import register
     from synchronizar.registration import Registration, State
     from synchronizar.track import Track
     from synchronizar.user import User
@@ -38,7 +38,7 @@ _HOMES = {
     "User": "user",
     "UserKeys": "factors",
     "YawFrame": "geometry",
-    "register": "register",
+    "register": "pipeline",
 }
 
 __all__ = [
