@@ -4,10 +4,12 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/variant.h>
+#include <nanobind/stl/vector.h>
 
 #include <tuple>
 #include <utility>
 
+#include "factors/height_search.h"
 #include "factors/late_bursts.h"
 #include "factors/placement_search.h"
 #include "factors/range_block.h"
@@ -127,6 +129,36 @@ NB_MODULE(_core, m) {
         return std::pair(verdict.late_odds, verdict.cost);
       },
       "t"_a, "whitened"_a, "sigma"_a, "late_odds"_a, "loss"_a, "share"_a, "mean_duration"_a);
+
+  m.def(
+      "search_heights",
+      [](const Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor>& frames, const Column& sigma,
+         const Eigen::Array<bool, Eigen::Dynamic, 1>& free,
+         const std::vector<std::tuple<int, int, const RangeBlock*>>& pairs, const LossKind& loss,
+         double most_above, int most) {
+        const auto n = frames.rows();
+        require(sigma.size() == n && (sigma.array() > 0.0).all(), "sigma must be (k,) and positive");
+        require(free.size() == n, "free must be (k,)");
+        require(frames.allFinite() && sigma.allFinite(), "frames and sigmas must be finite");
+        require(most > 0, "most must be positive");
+        std::vector<HeightUser> users;
+        for (Eigen::Index u = 0; u < n; ++u) {
+          users.push_back(
+              {{frames(u, 0), frames(u, 1), frames(u, 3), frames(u, 2)}, sigma[u], free[u], false});
+        }
+        std::vector<HeightPair> all;
+        for (const auto& [i, j, block] : pairs) {
+          require(0 <= i && i < n && 0 <= j && j < n && block != nullptr,
+                  "a pair names a user that is not there");
+          all.push_back({i, j, block});
+          users[static_cast<size_t>(i)].present = users[static_cast<size_t>(j)].present = true;
+        }
+        std::vector<std::pair<Column, double>> out;
+        for (const Heights& h : search_heights(users, all, loss, most_above, most))
+          out.emplace_back(h.height, h.cost);
+        return out;
+      },
+      "frames"_a, "sigma"_a, "free"_a, "pairs"_a, "loss"_a, "most_above"_a, "most"_a);
 
   m.def(
       "range_residual",

@@ -11,7 +11,8 @@ constexpr double kFluctuation = 0.2;  // of a detour within a burst, relative, 1
 constexpr double kLeast = 1e-12;      // keeps a chain of impossible ranges from dividing by zero
 constexpr int kLengths = 24;
 
-using Lengths = Eigen::Array<double, kLengths, 1>;
+// Floats: the probabilities need no more, and a chain may be a million ranges long.
+using Lengths = Eigen::Array<float, kLengths, 1>;
 
 // The ladder of lengths, in units of the loss's scale: even steps at first, then ever larger ones.
 struct Ladder {
@@ -23,9 +24,10 @@ struct Ladder {
     for (int m = 0; m < kLengths; ++m) {
       const double step = std::max(kFirstStep, kGrowth * begin);
       const double end = begin + step;
-      length[m] = begin + 0.5 * step;
-      variance[m] = step * step / 12.0 + std::pow(kFluctuation * length[m], 2);
-      prior[m] = std::atan(end) - std::atan(begin);
+      const double middle = begin + 0.5 * step;
+      length[m] = static_cast<float>(middle);
+      variance[m] = static_cast<float>(step * step / 12.0 + std::pow(kFluctuation * middle, 2));
+      prior[m] = static_cast<float>(std::atan(end) - std::atan(begin));
       begin = end;
     }
     prior /= prior.sum();
@@ -33,7 +35,7 @@ struct Ladder {
 };
 
 struct Emission {
-  double honest;
+  float honest;
   Lengths late;
 };
 
@@ -51,8 +53,8 @@ ChainVerdict judge_bursts(const Column& t, const Column& whitened, const Column&
   const auto emission = [&](Eigen::Index k) {
     const double e = whitened[k], s = sigma[k] / loss.scale;
     Emission out;
-    out.honest = std::exp(-0.5 * e * e) + kLeast;
-    if (e > 0.0) out.honest += loss.background(e, {sigma[k], 0.0}) / (1.0 + e * e * s * s);
+    const double early = e > 0.0 ? loss.background(e, {sigma[k], 0.0}) / (1.0 + e * e * s * s) : 0.0;
+    out.honest = static_cast<float>(std::exp(-0.5 * e * e) + early + kLeast);
     const Lengths variance = ladder.variance / (s * s) + 1.0;
     const Lengths off = e + ladder.length / s;
     out.late =
@@ -60,59 +62,61 @@ ChainVerdict judge_bursts(const Column& t, const Column& whitened, const Column&
     return out;
   };
   struct Step {
-    double keeps, to_late, keeps_length;
+    float keeps, to_late, keeps_length;
   };
   const auto step = [&](Eigen::Index k) {  // from range k - 1 to range k
     const double dt = t[k] - t[k - 1];
     const double keeps = std::exp(-rate * dt);
-    return Step{keeps, share * (1.0 - keeps), kKeepsLength * std::exp(-dt / bursts.mean_duration)};
+    return Step{static_cast<float>(keeps), static_cast<float>(share * (1.0 - keeps)),
+                static_cast<float>(kKeepsLength * std::exp(-dt / bursts.mean_duration))};
   };
 
-  // Forward: what is expected of each range by those before it. Floats, for a chain may be a million long.
+  // Forward: what is expected of each range by those before it.
   Eigen::Array<float, 1 + kLengths, Eigen::Dynamic> ahead(1 + kLengths, n);
   ChainVerdict out{Column(n), 0.0};
-  double honest = 1.0 - share;
-  Lengths late = share * ladder.prior;
+  auto honest = static_cast<float>(1.0 - share);
+  Lengths late = static_cast<float>(share) * ladder.prior;
   for (Eigen::Index k = 0; k < n; ++k) {
     if (k > 0) {
       const Step s = step(k);
-      const double stays_late = (s.to_late + s.keeps) * late.sum();
-      const double newly_late = s.to_late * honest;
-      honest = (1.0 - s.to_late) * honest + (1.0 - s.to_late - s.keeps) * late.sum();
+      const float was_late = late.sum();
+      const float stays_late = (s.to_late + s.keeps) * was_late;
+      const float newly_late = s.to_late * honest;
+      honest = (1.0F - s.to_late) * honest + (1.0F - s.to_late - s.keeps) * was_late;
       late = (s.to_late + s.keeps) * s.keeps_length * late +
-             ((1.0 - s.keeps_length) * stays_late + newly_late) * ladder.prior;
+             ((1.0F - s.keeps_length) * stays_late + newly_late) * ladder.prior;
     }
-    ahead(0, k) = static_cast<float>(honest);
-    ahead.col(k).tail<kLengths>() = late.cast<float>();
+    ahead(0, k) = honest;
+    ahead.col(k).tail<kLengths>() = late;
     const Emission here = emission(k);
     honest *= here.honest;
     late *= here.late;
-    const double sum = honest + late.sum();
-    out.cost -= std::log(sum);
+    const float sum = honest + late.sum();
+    out.cost -= std::log(static_cast<double>(sum));
     honest /= sum;
     late /= sum;
   }
 
   // Backward: how likely those after a range are, given what it is.
-  double after_honest = 1.0;
+  float after_honest = 1.0F;
   Lengths after_late = Lengths::Ones();
   for (Eigen::Index k = n - 1; k >= 0; --k) {
     const Emission here = emission(k);
-    const double is_honest = ahead(0, k) * here.honest * after_honest;
-    const double is_late = (ahead.col(k).tail<kLengths>().cast<double>() * here.late * after_late).sum();
+    const double is_honest = static_cast<double>(ahead(0, k)) * here.honest * after_honest;
+    const double is_late = (ahead.col(k).tail<kLengths>() * here.late * after_late).sum();
     const double s2 = std::pow(sigma[k] / loss.scale, 2), e = whitened[k];
     const double late_by_loss = loss.background(-1.0, {sigma[k], 1.0}) / (1.0 + e * e * s2);
-    const double odds = is_late / is_honest * std::exp(-0.5 * e * e) / late_by_loss;
+    const double odds = is_late / std::max(is_honest, 1e-30) * std::exp(-0.5 * e * e) / late_by_loss;
     out.late_odds[k] = std::clamp(odds, kLeast, 1.0 / kLeast);
     if (k == 0) break;
     const Step s = step(k);
-    const double honest_next = here.honest * after_honest;
+    const float honest_next = here.honest * after_honest;
     const Lengths late_next = here.late * after_late;
-    const double drawn = (ladder.prior * late_next).sum();
-    after_honest = (1.0 - s.to_late) * honest_next + s.to_late * drawn;
-    after_late = (1.0 - s.to_late - s.keeps) * honest_next +
-                 (s.to_late + s.keeps) * (s.keeps_length * late_next + (1.0 - s.keeps_length) * drawn);
-    const double largest = std::max(after_honest, after_late.maxCoeff());
+    const float drawn = (ladder.prior * late_next).sum();
+    after_honest = (1.0F - s.to_late) * honest_next + s.to_late * drawn;
+    after_late = (1.0F - s.to_late - s.keeps) * honest_next +
+                 (s.to_late + s.keeps) * (s.keeps_length * late_next + (1.0F - s.keeps_length) * drawn);
+    const float largest = std::max(after_honest, after_late.maxCoeff());
     after_honest /= largest;
     after_late /= largest;
   }

@@ -46,6 +46,29 @@ double RangeBlock::cost(const UserPose& i, const UserPose& j, const Loss& loss) 
   return sum;
 }
 
+Column RangeBlock::height_profile(const UserPose& i, const UserPose& j, const LossKind& loss, double step,
+                                  int zero, int most_ranges) const {
+  const CommonFromLocal common_from_i(i), common_from_j(j);
+  const double difference_now = i.frame_height - j.frame_height;
+  const Eigen::Index n = std::min<Eigen::Index>(size(), most_ranges);
+  Column out = Column::Zero(2 * zero + 1);
+  std::visit(
+      [&](const auto& kind) {
+        for (Eigen::Index k = 0; k < n; ++k) {
+          const Eigen::Index row = (2 * k + 1) * size() / (2 * n);
+          const Vector3 between = common_from_i(o_i_.row(row)) - common_from_j(o_j_.row(row));
+          const double level2 = between.head<2>().squaredNorm();
+          for (int s = -zero; s <= zero; ++s) {
+            const double z = between.z() - difference_now + s * step;
+            const double e = (std::sqrt(level2 + z * z) - measured_[row]) / sigma_[row];
+            out[s + zero] += kind(e, traits(row)).rho;
+          }
+        }
+      },
+      loss);
+  return out * (static_cast<double>(size()) / static_cast<double>(n));
+}
+
 RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose& j, const Loss& loss) const {
   // Chunks keep the memory bounded; the triangle of what came before is stacked on top of each.
   constexpr Eigen::Index kChunk = 512;

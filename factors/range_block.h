@@ -30,6 +30,11 @@ class RangeBlock {
   // The sum of the losses.
   double cost(const UserPose& i, const UserPose& j, const Loss& loss) const;
 
+  // The cost at every difference in height between the two users' origins from -zero to zero steps (m), all
+  // else held; of an even selection of `most_ranges`, taken for all.
+  Column height_profile(const UserPose& i, const UserPose& j, const LossKind& loss, double step, int zero,
+                        int most_ranges) const;
+
   // A quadratic model of the cost at this placement, as square-root information: five rows [A b] over i's 8
   // columns, j's 8 columns and a residual. A' b is the gradient of the cost, exactly, and A' A its Hessian
   // but for what could make it indefinite: of the losses' curvatures rho'' what is below a tenth of the

@@ -1,6 +1,6 @@
 """The C++ core: ranges evaluated by the million (factors/). Lengths m, angles rad; errors are ValueError."""
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Mask
 
 class UserPose:
     """What places a user's antennas in the common frame: its frame (F, H) and a keyframe pose (X, Z) within it."""
@@ -83,6 +83,21 @@ def judge_bursts(
     """(n,) odds of being late that each range's neighbours in time speak for, and the chain's negative log likelihood.
 
     `t` (n,) s, sorted; `whitened` (n,) residuals over sigma, predicted minus measured.
+    """
+
+def search_heights(
+    frames: Array,
+    sigma: Array,
+    free: Mask,
+    pairs: list[tuple[int, int, RangeBlock]],
+    loss: Loss,
+    most_above: float,
+    most: int,
+) -> list[tuple[Array, float]]:
+    """Every combination of heights (k,) m that explains the ranges, and its cost, best first; all else held.
+
+    `frames` (k, 4) x, y, z, yaw of each user; `sigma` (k,) m of its height about the level that all share; `free` (k,) whose
+    heights are sought; those of the others that are in a pair are held.
     """
 
 def range_residual(i: UserPose, o_i: Array, j: UserPose, o_j: Array, measured: float) -> tuple[float, Array]:

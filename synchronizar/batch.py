@@ -22,6 +22,7 @@ from synchronizar.samples import Samples
 
 _GAIN = 1e-3  # of log likelihood: a step that gains less changes nothing that could be measured
 _MOST_ROUNDS = 10
+_HOPELESS = 50.0  # of log likelihood: more than a further round may gain
 _PIECES = 12  # that a walk is cut into to draw parts of it
 
 
@@ -49,13 +50,16 @@ def solve(
         return found
     best = min(found, key=_cost)
     if (best.graph.honest(best.values) < 0.5).mean() > model.doubtful_share:
-        found += [_settle(graph, s.frames, model.annealing) for s in list(found)]
+        found += [_settle(graph, s.frames, annealing=model.annealing) for s in list(found)]
         for part in _parts(samples, model):
             if connected(part, len(graph.users), graph.reference) == placed:
+                best = min(found, key=_cost)
                 likely = joint_placements(part, graph.users, placed, graph.reference, model)[: model.most_followed]
-                found += [_settle(graph, h.frames) for h in likely]
+                found += [_settle(graph, h.frames, hopeless=best.cost + _HOPELESS) for h in likely]
         best = min(found, key=_cost)
-    found += _mirrored(samples, best, model)
+    found += [_settle(graph, frames) for frames in best.graph.other_heights(best.frames)]
+    best = min(found, key=_cost)
+    found += [_settle(graph, frames) for frames in _mirrored(samples, best, model)]
     found.sort(key=_cost)
     return [s for s in found if s.cost <= found[0].cost + model.cost_excluded]
 
@@ -64,16 +68,17 @@ def _cost(settled: Settled) -> float:
     return settled.cost
 
 
-def _settle(graph: RigidGraph, frames: Array, annealing: float = 1.0) -> Settled:
+def _settle(graph: RigidGraph, frames: Array, annealing: float = 1.0, hopeless: float = np.inf) -> Settled:
+    """The minimum that `frames` (k, 4) lead to; a start that is above `hopeless` after a round is not followed further."""
     values = graph.values(frames)
     if not graph.free:
         return Settled(frames, 0.0, graph, values)
     if annealing > 1.0:
         values = _optimize(graph.factors(annealing), values, iterations=3)
     before, judged = np.inf, graph
-    for _ in range(_MOST_ROUNDS):
+    for k in range(_MOST_ROUNDS):
         judged, cost = graph.with_bursts(values)
-        if before - cost < _GAIN:
+        if before - cost < _GAIN or (k > 0 and cost > hopeless):
             break
         before = cost
         values = _optimize(judged.factors(), values, iterations=20)
@@ -86,22 +91,28 @@ def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
     begin, end = samples.t.min(), samples.t.max()
     piece = np.minimum((samples.t - begin) / max(end - begin, 1e-9) * _PIECES, _PIECES - 1).astype(int)
     for _ in range(model.parts):
-        taken = random.permutation(_PIECES) < model.part_share * _PIECES
+        taken = random.permutation(_PIECES) < random.uniform(model.least_part, model.largest_part) * _PIECES
         if taken[piece].any():
             yield samples[taken[piece]]
 
 
-def _mirrored(samples: Samples, best: Settled, model: Model) -> list[Settled]:
-    """What becomes of each user's mirror image in the mean level of those it ranges to, where that is not far off."""
+def _mirrored(samples: Samples, best: Settled, model: Model) -> list[Array]:
+    """Each user's mirror image (k, 4) in the mean level of those it ranges to, where it is told apart and is no worse.
+
+    With places and headings held it may be no minimum (`other_heights` misses it then), and yet be one with them free.
+    """
     out = []
+    cost = best.graph.cost(best.values)
+    sigma = np.sqrt(best.graph.covariances(best.values)[:, 2, 2])
     heights = best.frames[:, 2]
     above = heights[samples.i] + samples.p_i[:, 2] - heights[samples.j] - samples.p_j[:, 2]
     for u in best.graph.free:
         i, j = samples.i == u, samples.j == u
+        shift = 2.0 * (above[i].sum() - above[j].sum()) / max(i.sum() + j.sum(), 1)
         frames = best.frames.copy()
-        frames[u, 2] -= 2.0 * (above[i].sum() - above[j].sum()) / max(i.sum() + j.sum(), 1)
-        if best.graph.cost(best.graph.values(frames)) < best.graph.cost(best.values) + model.cost_excluded:
-            out.append(_settle(best.graph, frames))
+        frames[u, 2] -= shift
+        if abs(shift) > 1.5 * sigma[u] and best.graph.cost(best.graph.values(frames)) < cost + model.cost_excluded:
+            out.append(frames)
     return out
 
 

@@ -8,12 +8,15 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from synchronizar._core import Late, RangeBlock, UserPose, judge_bursts
+from synchronizar._core import Late, RangeBlock, UserPose, judge_bursts, search_heights
 from synchronizar.arrays import Array
 from synchronizar.factors import FixedUser, RangeBlockFactor, UserKeys
 from synchronizar.model import Model
 from synchronizar.samples import Pair, Samples, pairs
 from synchronizar.user import User
+
+
+_LEVEL = gtsam.symbol("L", 0)  # double (m): the height that all origins lie about
 
 
 def keys_of(user: int) -> UserKeys:
@@ -61,8 +64,8 @@ def _join(columns: list[Array]) -> Array:
 class RigidGraph:
     """The paper's own model, all users at once: SLAM is trusted, a frame and a height per user are the unknowns.
 
-    The reference's frame is the common one; the others' heights have their prior, relative to the reference's; places
-    and headings a prior so wide that it says nothing, but keeps the system solvable where the ranges do not.
+    The reference's frame is the common one. Heights have their prior: all origins lie about one level. Places and headings
+    have one so wide that it says nothing, but keeps the system solvable where the ranges do not.
     """
 
     def __init__(
@@ -77,11 +80,36 @@ class RigidGraph:
         self._loss = late_loss(model)
         self._priors = gtsam.NonlinearFactorGraph()
         wide = gtsam.noiseModel.Diagonal.Sigmas(np.array([model.place_sigma, model.place_sigma, model.yaw_sigma]))
+        # Every origin lies about one level, which is not known either: two that are alike lie one height_sigma apart.
+        self._from_level = np.array([height_sigma_of(user, model) for user in users]) / np.sqrt(2.0)
         for u in self.free:
-            keys = keys_of(u)
-            sigma = max(height_sigma_of(users[u], model), height_sigma_of(users[reference], model))
-            self._priors.addPriorPose2(keys.frame, gtsam.Pose2(), wide)
-            self._priors.addPriorDouble(keys.height, 0.0, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
+            self._priors.addPriorPose2(keys_of(u).frame, gtsam.Pose2(), wide)
+            about_level = gtsam.noiseModel.Isotropic.Sigma(1, self._from_level[u])
+            self._priors.add(gtsam.BetweenFactorDouble(_LEVEL, keys_of(u).height, 0.0, about_level))
+        if self.free:
+            about_level = gtsam.noiseModel.Isotropic.Sigma(1, self._from_level[reference])
+            self._priors.addPriorDouble(_LEVEL, 0.0, about_level)
+
+    def covariances(self, values: gtsam.Values) -> Array:
+        """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), from the joint marginals.
+
+        Zero for the reference, which is exact by definition; NaN for users that are not placed.
+        """
+        out = np.full((len(self.users), 4, 4), np.nan)
+        out[self.reference] = 0.0
+        if not self.free:
+            return out
+        marginals = gtsam.Marginals(self.factors(), values)
+        for u in self.free:
+            keys = keys_of(u).keys()
+            joint = marginals.jointMarginalCovariance(keys)
+            body = np.block([[joint.at(a, b) for b in keys] for a in keys])
+            # Pose2's tangent is (v in its own axes, yaw), then the height: turned into the common axes and put in order.
+            yaw = values.atPose2(keys[0]).theta()
+            c, s = np.cos(yaw), np.sin(yaw)
+            common_from_body = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]])
+            out[u] = common_from_body @ body @ common_from_body.T
+        return out
 
     def with_bursts(self, values: gtsam.Values) -> tuple[RigidGraph, float]:
         """The same graph, each range's odds of being late now those that its neighbours in time speak for.
@@ -99,6 +127,20 @@ class RigidGraph:
         out = copy(self)
         out.blocks = blocks
         return out, cost + float(self._priors.error(values))
+
+    def other_heights(self, frames: Array) -> list[Array]:
+        """Joint placements (k, 4) that differ from `frames` in heights alone and explain the ranges as well, or almost."""
+        pairs = [(b.pair.i, b.pair.j, b.block) for b in self.blocks]
+        found = search_heights(
+            np.nan_to_num(frames),
+            self._from_level,
+            np.isin(np.arange(len(frames)), self.free),
+            pairs,
+            self._loss,
+            self._model.cost_excluded,
+            self._model.most_hypotheses,
+        )
+        return [np.column_stack([frames[:, :2], heights + 0.0 * frames[:, 2], frames[:, 3]]) for heights, _ in found]
 
     def cost(self, values: gtsam.Values) -> float:
         """The sum of all losses and priors, each range by itself."""
@@ -138,7 +180,15 @@ class RigidGraph:
             keys = keys_of(u)
             values.insert(keys.frame, gtsam.Pose2(x, y, yaw))
             values.insert(keys.height, z)
+        if self.free:
+            values.insert(_LEVEL, self._level(frames))
         return values
+
+    def _level(self, frames: Array) -> float:
+        """The most likely level at these heights."""
+        everybody = [self.reference, *self.free]
+        weight = self._from_level[everybody] ** -2
+        return float(weight @ frames[everybody, 2] / weight.sum())
 
     def frames(self, values: gtsam.Values) -> Array:
         """Frames (k, 4) at these values: x, y, z, yaw; NaN for users that are not placed."""

@@ -62,12 +62,14 @@ class Model:
     """How many times wider than true the loss is at first, where the answer is in doubt (graduated non-convexity)."""
     doubtful_share: float = 0.02
     """Where more of the ranges than this are taken for late, the answer is looked for again in parts of the walk."""
-    parts: int = 10
+    parts: int = 16
     """How many parts are tried."""
     most_followed: int = 3
     """Joint placements that are followed from each."""
-    part_share: float = 0.4
-    """How much of the walk a part is, in pieces of a twelfth drawn at random."""
+    least_part: float = 0.3
+    """A part is at least this much of the walk,"""
+    largest_part: float = 0.6
+    """and at most this much, in pieces of a twelfth drawn at random."""
 
     # When the answer is called good
     cost_excluded: float = 10.0

@@ -1,7 +1,8 @@
-"""The answer on paper: registration.json, the tracks in the common frame, and a table to read."""
+"""The answer on paper: registration.json, the tracks in the common frame, each range's verdict, a table to read."""
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from synchronizar.recording import Recording
 from synchronizar.registration import RangeVerdicts, Registration, State, UserRegistration
 
 PLACE = ("x", "y", "z", "yaw")
+RANGE_COLUMNS = ("t", "a", "b", "range", "residual", "weight", "verdict")
 
 
 def registration_json(registration: Registration) -> dict[str, Any]:
@@ -33,15 +35,17 @@ def registration_json(registration: Registration) -> dict[str, Any]:
             }
             for alternative in registration.alternatives
         ],
-        "ranges": _range_counts(registration.ranges),
+        "ranges": range_counts(registration.ranges),
         "seconds": dict(registration.seconds),
     }
 
 
 def write(registration: Registration, recording: Recording, out_dir: str | Path) -> None:
-    """Write registration.json and <user>.tum for every user that has a placement; an earlier answer is replaced.
+    """Write registration.json, ranges.csv, and <user>.tum for every user that has a placement.
 
-    Raises InputError where something cannot be written.
+    ranges.csv has a line for each range of the recording, in its order: residual in m (blank where there is none),
+    weight in 1/m^2, and whether it was used, rejected or unusable. An earlier answer is replaced. Raises InputError
+    where something cannot be written.
     """
     folder = Path(out_dir)
     with os_faults(folder):
@@ -54,9 +58,37 @@ def write(registration: Registration, recording: Recording, out_dir: str | Path)
         else:
             with os_faults(file):
                 file.unlink(missing_ok=True)
+    _write_ranges(folder / "ranges.csv", registration.ranges, recording)
     file = folder / "registration.json"
     with os_faults(file):
         file.write_text(json.dumps(registration_json(registration), indent=1, allow_nan=False) + "\n")
+
+
+def range_counts(verdicts: RangeVerdicts) -> dict[str, int]:
+    """How many ranges were used, rejected and unusable."""
+    return {
+        "used": int(verdicts.used.sum()),
+        "rejected": int((verdicts.usable & ~verdicts.used).sum()),
+        "unusable": int((~verdicts.usable).sum()),
+    }
+
+
+def _write_ranges(file: Path, verdicts: RangeVerdicts, recording: Recording) -> None:
+    names = np.array([user.name for user in recording.users], dtype=object)
+    ranges = recording.ranges
+    columns = (
+        ranges.t,
+        names[ranges.a],
+        names[ranges.b],
+        ranges.distance,
+        np.where(np.isnan(verdicts.residual), "", verdicts.residual.astype(object)),
+        verdicts.weight,
+        np.select([verdicts.used, verdicts.usable], ["used", "rejected"], default="unusable"),
+    )
+    with os_faults(file), file.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(RANGE_COLUMNS)
+        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
 
 
 def table(registration: Registration) -> str:
@@ -65,7 +97,7 @@ def table(registration: Registration) -> str:
     rows = [head, *(_table_row(registration, user) for user in registration.users.values())]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     lines = ["  ".join([*_aligned(row[:-1], widths), row[-1]]).rstrip() for row in rows]
-    counts = ", ".join(f"{count} {what}" for what, count in _range_counts(registration.ranges).items())
+    counts = ", ".join(f"{count} {what}" for what, count in range_counts(registration.ranges).items())
     return "\n".join([*lines, f"ranges: {counts}; {sum(registration.seconds.values()):.2f} s"])
 
 
@@ -94,14 +126,6 @@ def _place(frame: YawFrame, static: bool) -> dict[str, float | None]:
 def _number(x: float) -> float | None:
     """None where there is no such number; JSON has no NaN."""
     return float(x) if np.isfinite(x) else None
-
-
-def _range_counts(verdicts: RangeVerdicts) -> dict[str, int]:
-    return {
-        "used": int(verdicts.used.sum()),
-        "rejected": int((verdicts.usable & ~verdicts.used).sum()),
-        "unusable": int((~verdicts.usable).sum()),
-    }
 
 
 def _table_row(registration: Registration, user: UserRegistration) -> tuple[str, ...]:

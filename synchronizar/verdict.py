@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import gtsam
 import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.batch import Settled
-from synchronizar.graph import keys_of
 from synchronizar.model import Model
 from synchronizar.registration import State
 from synchronizar.samples import Samples
@@ -60,7 +58,7 @@ def _merge(group: list[Settled]) -> Placement:
     for s in group[1:]:
         if all(np.nanmax(np.abs(_difference(s.frames, d.frames))) > 1e-2 for d in distinct):
             distinct.append(s)
-    within = np.array([covariances(s) for s in distinct])
+    within = np.array([s.graph.covariances(s.values) for s in distinct])
     log_weight = np.array([-s.cost for s in distinct])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -121,28 +119,6 @@ def _places(frames: Array, corners: Array) -> Array:
     c, s = np.cos(yaw), np.sin(yaw)
     px, py, pz = np.moveaxis(corners, 2, 0)
     return np.stack([x + c * px - s * py, y + s * px + c * py, z + pz], axis=2)
-
-
-def covariances(settled: Settled) -> Array:
-    """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), from the joint marginals.
-
-    Zero for the reference, which is exact by definition; NaN for users that are not placed.
-    """
-    graph = settled.graph
-    out = np.full((len(graph.users), 4, 4), np.nan)
-    out[graph.reference] = 0.0
-    if not graph.free:
-        return out
-    marginals = gtsam.Marginals(graph.factors(), settled.values)
-    for u in graph.free:
-        keys = keys_of(u).keys()
-        joint = marginals.jointMarginalCovariance(keys)
-        body = np.block([[joint.at(a, b) for b in keys] for a in keys])
-        # Pose2's tangent is (v in its own axes, yaw), then the height: turned into the common axes and put in order.
-        c, s = np.cos(settled.frames[u, 3]), np.sin(settled.frames[u, 3])
-        common_from_body = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]])
-        out[u] = common_from_body @ body @ common_from_body.T
-    return out
 
 
 def _largest_spread(covariance: Array, yaw: float, corners: Array) -> tuple[float, Array]:

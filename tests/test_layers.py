@@ -130,6 +130,6 @@ def late():
     }
     assert own_module("synchronizar.formats.tum.read_tum") == "formats.tum"
     assert own_module("synchronizar.geometry") == "geometry"
-    assert own_module("synchronizar.register") == "pipeline"
+    assert own_module("synchronizar.pipeline") == "pipeline"
     assert own_module("synchronizar.State") == "__init__"
     assert own_module("numpy.linalg") is None

@@ -29,11 +29,11 @@ BEACON_COVARIANCE[:3, :3] = np.diag([0.01, 0.04, 0.09])
 @pytest.fixture
 def recording() -> Recording:
     names = ("alice", "beacon", "bob", "carol", "dave")
-    none = np.zeros(0, dtype=np.int32)
+    a, b = np.array([0, 0, 2, 2, 0, 0], dtype=np.int32), np.array([2, 2, 0, 0, 1, 4], dtype=np.int32)
     return Recording(
         tuple(User(name, static=name == "beacon") for name in names),
         {name: WALK for name in names if name != "beacon"},
-        Ranges.of(np.zeros(0), none, none, np.zeros(0)),
+        Ranges.of(np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), a, b, np.array([3.0, 0.1, 9.0, -6e6, 2.0, 1.0])),
     )
 
 
@@ -79,8 +79,8 @@ def registration() -> Registration:
         ranges=RangeVerdicts(
             usable=np.array([True, True, True, False, True, False]),
             used=np.array([True, True, False, False, True, False]),
-            weight=np.zeros(6),
-            residual=np.zeros(6),
+            weight=np.array([100.0, 50.0, 0.25, 0.0, 100.0, 0.0]),
+            residual=np.array([1.0 / 3.0, -0.1, 6.0, np.nan, 0.0, np.nan]),
         ),
         seconds={"load": 0.5, "initialise": 0.25, "solve": 1.0},
     )
@@ -174,10 +174,26 @@ def test_tracks_are_written_in_the_common_frame_at_their_own_stamps(
         "beacon.tum",
         "bob.tum",
         "carol.tum",
+        "ranges.csv",
         "registration.json",
     ]
     written = json.loads((tmp_path / "out/registration.json").read_text())
     assert written == report.registration_json(registration)
+
+
+def test_each_range_is_written_with_what_became_of_it(
+    registration: Registration, recording: Recording, tmp_path: Path
+) -> None:
+    report.write(registration, recording, tmp_path)
+    assert (tmp_path / "ranges.csv").read_text().splitlines() == [
+        "t,a,b,range,residual,weight,verdict",
+        "1.0,alice,bob,3.0,0.3333333333333333,100.0,used",
+        "1.5,alice,bob,0.1,-0.1,50.0,used",
+        "2.0,bob,alice,9.0,6.0,0.25,rejected",
+        "2.5,bob,alice,-6000000.0,,0.0,unusable",
+        "3.0,alice,beacon,2.0,0.0,100.0,used",
+        "4.0,alice,dave,1.0,,0.0,unusable",
+    ]
 
 
 def test_an_earlier_track_of_a_user_that_is_now_disconnected_goes(
@@ -190,7 +206,7 @@ def test_an_earlier_track_of_a_user_that_is_now_disconnected_goes(
     assert (tmp_path / "notes.txt").exists()
 
 
-@pytest.mark.parametrize("in_the_way", ["alice.tum", "dave.tum", "registration.json"])
+@pytest.mark.parametrize("in_the_way", ["alice.tum", "dave.tum", "ranges.csv", "registration.json"])
 def test_what_cannot_be_written_is_told(
     registration: Registration, recording: Recording, tmp_path: Path, in_the_way: str
 ) -> None:

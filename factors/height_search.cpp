@@ -1,0 +1,151 @@
+#include "factors/height_search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+namespace synchronizar {
+namespace {
+
+using std::size_t;
+
+constexpr double kStep = 0.05;  // m, of the tables
+constexpr double kReach = 4.0;  // sigmas of the prior that a height is sought within
+constexpr int kStarts = 64;
+constexpr int kMostSweeps = 50;
+constexpr int kMostRanges = 64;  // of a pair that its table looks at; the others are taken to say the same
+
+// A pair's cost at each difference in height, in steps from -`zero` to `zero`.
+struct Table {
+  int i, j;
+  int zero;
+  Column cost;
+};
+
+int steps_of(const HeightUser& user) {
+  const double reach = user.free ? kReach * user.sigma : std::abs(user.pose.frame_height);
+  return static_cast<int>(std::ceil(reach / kStep));
+}
+
+// Heights in steps, and the level that is the most likely at them.
+struct State {
+  std::vector<int> at;
+  double level;
+};
+
+struct Problem {
+  const std::vector<HeightUser>& users;
+  std::vector<Table> tables;
+  std::vector<std::vector<size_t>> tables_of;  // of each user
+
+  double prior(size_t user, int step, double level) const {
+    return users[user].present ? 0.5 * std::pow((kStep * step - level) / users[user].sigma, 2) : 0.0;
+  }
+
+  double level(const std::vector<int>& at) const {
+    double sum = 0.0, weights = 0.0;
+    for (size_t u = 0; u < users.size(); ++u) {
+      if (!users[u].present) continue;
+      const double weight = 1.0 / (users[u].sigma * users[u].sigma);
+      sum += weight * kStep * at[u];
+      weights += weight;
+    }
+    return weights > 0.0 ? sum / weights : 0.0;
+  }
+
+  // The cost of user u's height at `step`, the others' given.
+  double cost_at(size_t u, int step, const State& state) const {
+    double sum = prior(u, step, state.level);
+    for (const size_t k : tables_of[u]) {
+      const Table& table = tables[k];
+      const auto i = static_cast<size_t>(table.i), j = static_cast<size_t>(table.j);
+      const int difference = i == u ? step - state.at[j] : state.at[i] - step;
+      sum += table.cost[difference + table.zero];
+    }
+    return sum;
+  }
+
+  double cost(const State& state) const {
+    double sum = 0.0;
+    for (size_t u = 0; u < users.size(); ++u) sum += prior(u, state.at[u], state.level);
+    for (const Table& t : tables) {
+      sum += t.cost[state.at[static_cast<size_t>(t.i)] - state.at[static_cast<size_t>(t.j)] + t.zero];
+    }
+    return sum;
+  }
+
+  void descend(State& state) const {
+    bool moved = true;
+    for (int sweep = 0; sweep < kMostSweeps && moved; ++sweep) {
+      moved = false;
+      for (size_t u = 0; u < users.size(); ++u) {
+        if (!users[u].free) continue;
+        const int reach = steps_of(users[u]);
+        int best = state.at[u];
+        double least = cost_at(u, best, state);
+        for (int step = -reach; step <= reach; ++step) {
+          const double here = cost_at(u, step, state);
+          if (here < least - 1e-9) {
+            least = here;
+            best = step;
+          }
+        }
+        moved = moved || best != state.at[u];
+        state.at[u] = best;
+      }
+      state.level = level(state.at);
+    }
+  }
+};
+
+}  // namespace
+
+std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
+                                    const std::vector<HeightPair>& pairs, const LossKind& loss,
+                                    double most_above, int most) {
+  Problem p{users, {}, std::vector<std::vector<size_t>>(users.size())};
+  for (const HeightPair& pair : pairs) {
+    const auto i = static_cast<size_t>(pair.i), j = static_cast<size_t>(pair.j);
+    const int zero = steps_of(users[i]) + steps_of(users[j]);
+    p.tables_of[i].push_back(p.tables.size());
+    p.tables_of[j].push_back(p.tables.size());
+    p.tables.push_back(
+        {pair.i, pair.j, zero,
+         pair.block->height_profile(users[i].pose, users[j].pose, loss, kStep, zero, kMostRanges)});
+  }
+
+  const auto nearest = [&](size_t u, double height) {
+    const int reach = steps_of(users[u]);
+    return std::clamp(static_cast<int>(std::lround(height / kStep)), -reach, reach);
+  };
+  std::mt19937 random(1);  // a fixed draw: the same ranges give the same answer
+  std::vector<State> minima;
+  for (int start = 0; start < kStarts; ++start) {
+    State state{std::vector<int>(users.size()), 0.0};
+    for (size_t u = 0; u < users.size(); ++u) {
+      const double drawn = users[u].sigma * std::normal_distribution<double>()(random);
+      const double begin = users[u].pose.frame_height;
+      state.at[u] = nearest(u, start == 0 || !users[u].free ? begin : start == 1 ? -begin : drawn);
+    }
+    state.level = p.level(state.at);
+    p.descend(state);
+    const auto is_same = [&](const State& other) { return other.at == state.at; };
+    if (std::none_of(minima.begin(), minima.end(), is_same)) minima.push_back(state);
+  }
+
+  std::vector<Heights> found;
+  for (const State& state : minima) {
+    Heights heights{Column(static_cast<Eigen::Index>(users.size())), p.cost(state)};
+    for (size_t u = 0; u < users.size(); ++u)
+      heights.height[static_cast<Eigen::Index>(u)] = kStep * state.at[u];
+    found.push_back(std::move(heights));
+  }
+  std::sort(found.begin(), found.end(), [](const Heights& a, const Heights& b) { return a.cost < b.cost; });
+  const double limit = found.front().cost + most_above;
+  found.erase(std::find_if(found.begin(), found.end(), [&](const Heights& h) { return h.cost > limit; }),
+              found.end());
+  if (found.size() > static_cast<size_t>(most)) found.resize(static_cast<size_t>(most));
+  return found;
+}
+
+}  // namespace synchronizar

@@ -1,0 +1,153 @@
+"""The answer to a recording, read from where `register --out` wrote it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.errors import InputError
+from synchronizar.formats.text import open_text, os_faults
+from synchronizar.formats.tum import read_tum
+from synchronizar.geometry import YawFrame
+from synchronizar.ranges import Ranges
+from synchronizar.recording import Recording
+from synchronizar.registration import Alternative, RangeVerdicts, Registration, State, UserRegistration
+from synchronizar.report import PLACE, RANGE_COLUMNS
+from synchronizar.track import Track
+
+# What is raised by JSON that is broken, or that lacks something, or has something else in its place.
+MALFORMED = (ValueError, RecursionError, KeyError, TypeError, AttributeError)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A registration and what it is about."""
+
+    registration: Registration
+    tracks: Mapping[str, Track]
+    """Of every user that has a placement, in the common frame, at its own stamps; one pose for a static radio."""
+    clock_offset: Mapping[str, float]
+    """s: each user's own stamp minus the range stamp of the same event."""
+    ranges: Ranges
+
+    @property
+    def names(self) -> list[str]:
+        """All users in the order that the ranges count them."""
+        return list(self.registration.users)
+
+    def ends(self, rows: Array) -> Array:
+        """(n, 2, 3) m: where in the common frame the two devices were at some of the ranges; NaN where unknown."""
+        t = self.ranges.t[rows]
+        places = np.full((len(rows), 2, 3), np.nan)
+        for index, name in enumerate(self.names):
+            track = self.tracks.get(name)
+            if track is None:
+                continue
+            for end, who in enumerate((self.ranges.a[rows], self.ranges.b[rows])):
+                mine = np.flatnonzero(who == index)
+                if self.registration.users[name].static:
+                    places[mine, end] = track.position[0]
+                else:
+                    poses = track.at(t[mine] + self.clock_offset[name], np.inf)
+                    places[mine[poses.valid], end] = poses.position[poses.valid]
+        return places
+
+
+def read_answer(folder: Path, recording: Recording) -> Answer:
+    """What `register --out` wrote about a recording.
+
+    Raises InputError where a file is missing or broken, or is about another recording.
+    """
+    file = folder / "registration.json"
+    with os_faults(file):
+        text = file.read_bytes()
+    try:
+        said = json.loads(text)
+        told = set(said["users"])
+    except MALFORMED as error:
+        raise InputError(file, "is no registration") from error
+    if told != {user.name for user in recording.users}:
+        raise InputError(file, "is about another recording: its users are not the same")
+    verdicts = _read_verdicts(folder / "ranges.csv", len(recording.ranges))
+    try:
+        registration = _registration(said, recording, verdicts)
+        clock_offset = {name: float(user["clock_offset"]) for name, user in said["users"].items()}
+    except MALFORMED as error:
+        raise InputError(file, "is no registration") from error
+    tracks = {
+        name: read_tum(folder / f"{name}.tum")
+        for name, user in registration.users.items()
+        if user.common_from_user is not None
+    }
+    return Answer(registration, tracks, clock_offset, recording.ranges)
+
+
+def _registration(said: Mapping[str, Any], recording: Recording, verdicts: RangeVerdicts) -> Registration:
+    return Registration(
+        reference=str(said["reference"]),
+        model=str(said["model"]),
+        method=str(said["method"]),
+        users={user.name: _user(user.name, user.static, said["users"][user.name]) for user in recording.users},
+        alternatives=tuple(
+            Alternative(_number(other["cost"]), {name: _frame(place) for name, place in other["users"].items()})
+            for other in said["alternatives"]
+        ),
+        ranges=verdicts,
+        seconds={stage: _number(seconds) for stage, seconds in said["seconds"].items()},
+    )
+
+
+def _user(name: str, static: bool, said: Mapping[str, Any]) -> UserRegistration:
+    covariance, unseen = said["covariance"], said.get("unseen_direction")
+    return UserRegistration(
+        name=name,
+        state=State(said["state"]),
+        reason=str(said["reason"]),
+        common_from_user=None if said["x"] is None else _frame(said),
+        covariance=None if covariance is None else _numbers([x for row in covariance for x in row]).reshape(4, 4),
+        static=static,
+        unseen_direction=None if unseen is None else _numbers([unseen[name] for name in PLACE]),
+        prior_dominated=tuple(map(str, said["prior_dominated"])),
+    )
+
+
+def _frame(place: Mapping[str, Any]) -> YawFrame:
+    """A static radio has no yaw: its frame is not turned."""
+    x, y, z = (float(place[name]) for name in PLACE[:3])
+    frame = YawFrame(x, y, z, float(place["yaw"] or 0.0), float(place.get("scale", 1.0)))
+    if not np.isfinite(frame.matrix).all():
+        raise ValueError(frame)
+    return frame
+
+
+def _numbers(said: list[Any]) -> Array:
+    return np.array([_number(x) for x in said])
+
+
+def _number(said: Any) -> float:
+    """NaN where there is none."""
+    return np.nan if said is None else float(said)
+
+
+def _read_verdicts(file: Path, count: int) -> RangeVerdicts:
+    with os_faults(file), open_text(file) as lines:
+        try:
+            header, *rows = csv.reader(lines, strict=True)
+            if tuple(header) != RANGE_COLUMNS:
+                raise ValueError(header)
+            columns = dict(zip(RANGE_COLUMNS, zip(*rows, strict=True) if rows else [()] * len(header), strict=True))
+            verdict = np.array(columns["verdict"], dtype=str)
+            weight = np.array(columns["weight"], dtype=float)
+            residual = np.array([text or "nan" for text in columns["residual"]], dtype=float)
+        except (ValueError, csv.Error) as error:
+            raise InputError(file, f"is not the table of {','.join(RANGE_COLUMNS)} that register writes") from error
+    if len(verdict) != count:
+        raise InputError(file, f"is about another recording: it has {len(verdict)} ranges, the recording {count}")
+    return RangeVerdicts(verdict != "unusable", verdict == "used", weight, residual)

@@ -1,0 +1,60 @@
+"""Which colour and line everybody has, and how they are called."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from synchronizar.plots.answer import Answer
+from synchronizar.plots.uncertainty import axes_of, plane_covariance
+from synchronizar.registration import State
+
+# Paul Tol's muted scheme, which the colour-blind can tell apart, the strongest first.
+PALETTE = ("#332288", "#44AA99", "#AA4499", "#999933", "#88CCEE", "#882255", "#117733", "#DDCC77", "#CC6677")
+Dashes = Literal["-", "--", "-.", ":"]
+DASHES: tuple[Dashes, ...] = ("-", "--", "-.", ":")
+STATIC = "#333333"
+USED, REJECTED = "#888888", "#E3170A"
+FAINT = 0.35
+LONGEST_NAME = 18
+
+
+class Style(NamedTuple):
+    """How a user is drawn."""
+
+    colour: str
+    dashes: Dashes
+
+
+def styles(answer: Answer) -> dict[str, Style]:
+    """Those that walk differ by colour, and from the tenth on by dashes; static radios are all alike."""
+    out, walkers = {}, 0
+    for name, user in answer.registration.users.items():
+        if user.static:
+            out[name] = Style(STATIC, "-")
+        else:
+            out[name] = Style(PALETTE[walkers % len(PALETTE)], DASHES[walkers // len(PALETTE) % len(DASHES)])
+            walkers += 1
+    return out
+
+
+def short(name: str) -> str:
+    """A name that fits."""
+    return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
+
+
+def caption(answer: Answer, name: str) -> str:
+    """`bob: registered ±0.04 m ±0.3°`: 1 sigma in the plane, where its walk ends, and of its heading."""
+    registration = answer.registration
+    user = registration.users[name]
+    if name == registration.reference:
+        return f"{short(name)}: the reference"
+    said = f"{short(name)}: {user.state}"
+    if user.state is State.AMBIGUOUS:
+        said += f", {len(registration.alternatives)} placements"
+    if user.covariance is None:
+        return said
+    sigmas, _ = axes_of(plane_covariance(user, answer.tracks[name].position[-1]))
+    said += f" ±{sigmas[0]:.2f} m"
+    return said if user.static else said + f" ±{np.degrees(np.sqrt(user.covariance[3, 3])):.1f}°"
