@@ -59,7 +59,7 @@ def solve(
         best = min(found, key=_cost)
     found += [_settle(graph, frames) for frames in best.graph.other_heights(best.frames)]
     best = min(found, key=_cost)
-    found += [_settle(graph, frames) for frames in _mirrored(samples, best, model)]
+    found += [_settle(graph, frames) for frames in _mirrored(samples, best)]
     found.sort(key=_cost)
     return [s for s in found if s.cost <= found[0].cost + model.cost_excluded]
 
@@ -96,22 +96,29 @@ def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
             yield samples[taken[piece]]
 
 
-def _mirrored(samples: Samples, best: Settled, model: Model) -> list[Array]:
-    """Each user's mirror image (k, 4) in the mean level of those it ranges to, where it is told apart and is no worse.
+def _mirrored(samples: Samples, best: Settled) -> list[Array]:
+    """Placements (k, 4) in which one user, or all of them, are mirrored in height, where that is not out of the question.
 
-    With places and headings held it may be no minimum (`other_heights` misses it then), and yet be one with them free.
+    With places and headings held such a placement may be no minimum (`other_heights` misses it then), and yet lead to
+    one with them free.
     """
+    heights = best.frames[:, 2]
+    sigma = np.sqrt(best.graph.covariances(best.values)[:, 2, 2])
+    above = heights[samples.i] + samples.p_i[:, 2] - heights[samples.j] - samples.p_j[:, 2]
+    everybody = [best.graph.reference, *best.graph.free]
+    shifts = np.zeros((len(everybody) + 1, len(heights)))
+    shifts[-1] = -2.0 * heights
+    for shift, u in zip(shifts, everybody, strict=False):
+        i, j = samples.i == u, samples.j == u
+        shift[u] = -2.0 * (above[i].sum() - above[j].sum()) / max(i.sum() + j.sum(), 1)
     out = []
     cost = best.graph.cost(best.values)
-    sigma = np.sqrt(best.graph.covariances(best.values)[:, 2, 2])
-    heights = best.frames[:, 2]
-    above = heights[samples.i] + samples.p_i[:, 2] - heights[samples.j] - samples.p_j[:, 2]
-    for u in best.graph.free:
-        i, j = samples.i == u, samples.j == u
-        shift = 2.0 * (above[i].sum() - above[j].sum()) / max(i.sum() + j.sum(), 1)
+    for shift in shifts:
+        shift -= shift[best.graph.reference]
         frames = best.frames.copy()
-        frames[u, 2] -= shift
-        if abs(shift) > 1.5 * sigma[u] and best.graph.cost(best.graph.values(frames)) < cost + model.cost_excluded:
+        frames[:, 2] += shift
+        told_apart = (np.abs(shift) > 1.5 * sigma)[best.graph.free].any()
+        if told_apart and best.graph.cost(best.graph.values(frames)) < cost + _HOPELESS:
             out.append(frames)
     return out
 

@@ -24,8 +24,8 @@ ROWS_PER_COLUMN = 22
 MOST_LISTED = 2 * ROWS_PER_COLUMN
 
 
-def plot(recording: Recording, folder: str | Path, title: str) -> Path:
-    """Draw what `register --out` wrote into a folder about a recording; the file `picture.png` in that folder.
+def plot(recording: Recording, folder: str | Path, name: str) -> Path:
+    """Draw what `register --out` wrote into a folder about the recording of that name: `picture.png` in that folder.
 
     Raises InputError where there is no answer in the folder, it is about another recording, or nothing can be written.
     """
@@ -34,7 +34,7 @@ def plot(recording: Recording, folder: str | Path, title: str) -> Path:
     # Names are anybody's: never formulas, and of scripts that the font may lack.
     with matplotlib.rc_context({"text.parse_math": False}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        figure = draw(answer, title)
+        figure = draw(answer, f"{name}: where its {len(answer.names)} devices were, from the distances between them")
         with os_faults(file):
             figure.savefig(file, dpi=DPI)
     return file
@@ -98,7 +98,7 @@ def _summary(answer: Answer) -> str:
             f"{len(answer.names)} devices, {len(t)} ranges in {t.max() - t.min() if len(t) else 0.0:.1f} s",
             f"ranges: {counts}",
             f"reference {short(registration.reference)}; model {registration.model}, {registration.method}",
-            "±: 1σ in the plane at the walk's end, and of the heading",
+            "±: 1σ at the walk's end in the plane; of the heading",
         ]
     )
 

@@ -17,7 +17,9 @@ DASHES: tuple[Dashes, ...] = ("-", "--", "-.", ":")
 STATIC = "#333333"
 USED, REJECTED = "#888888", "#E3170A"
 FAINT = 0.35
-LONGEST_NAME = 18
+LONGEST_NAME = 16
+HEADING_UNKNOWN = 1.0
+"""rad, 1 sigma."""
 
 
 class Style(NamedTuple):
@@ -57,4 +59,7 @@ def caption(answer: Answer, name: str) -> str:
         return said
     sigmas, _ = axes_of(plane_covariance(user, answer.tracks[name].position[-1]))
     said += f" ±{sigmas[0]:.2f} m"
-    return said if user.static else said + f" ±{np.degrees(np.sqrt(user.covariance[3, 3])):.1f}°"
+    if user.static:
+        return said
+    yaw_sigma = float(np.sqrt(user.covariance[3, 3]))
+    return said + (f" ±{np.degrees(yaw_sigma):.1f}°" if yaw_sigma < HEADING_UNKNOWN else ", heading unknown")

@@ -60,7 +60,7 @@ def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
                 _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT)
         _draw_walk(ax, position, user, style, alpha=0.9)
         for place in (position[0], position[-1]) if len(position) > 1 else (position[0],):
-            _draw_ellipse(ax, user, place, style)
+            _draw_ellipse(ax, user, place, style, largest=span)
         if not user.static:
             _draw_heading(ax, user, position[0], style, ARROW * span)
         if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
@@ -136,9 +136,12 @@ def _draw_walk(ax: Axes, walk: Array, user: UserRegistration, style: Style, alph
     ax.plot(x[-1:], y[-1:], "s", color=style.colour, markersize=6, markeredgecolor="white", alpha=alpha, zorder=5)
 
 
-def _draw_ellipse(ax: Axes, user: UserRegistration, place: Array, style: Style) -> None:
+def _draw_ellipse(ax: Axes, user: UserRegistration, place: Array, style: Style, largest: float) -> None:
+    """Where a place may be; not where that is anywhere on the map."""
     sigmas, angle = axes_of(plane_covariance(user, place))
     width, height = 2.0 * np.sqrt(CHI2_95_OF_TWO) * sigmas
+    if width > largest:
+        return
     ax.add_artist(
         Ellipse(
             (place[0], place[1]),
@@ -169,7 +172,13 @@ def _draw_unseen(ax: Axes, user: UserRegistration, end: Array, style: Style, len
         _arrow(ax, end + side - ahead, end + side + ahead, style, "<|-|>", bend=0.5)
     elif abs(along[2]) > np.hypot(along[0], along[1]):
         ax.annotate(
-            "height unseen", (end[0], end[1]), xytext=(8, 0), textcoords="offset points", fontsize=8, color=style.colour
+            "height unseen",
+            (end[0], end[1]),
+            xytext=(0, -14),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            color=style.colour,
         )
     else:
         way = 1.5 * length * along / np.hypot(along[0], along[1])

@@ -1,0 +1,233 @@
+"""The command line. What cannot be used is told in one line; what is heavy is imported when a command needs it."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import inspect
+import json
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from itertools import pairwise
+from math import degrees
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NoReturn, get_type_hints
+
+from synchronizar.errors import InputError
+from synchronizar.scene import Scene
+
+if TYPE_CHECKING:
+    from synchronizar.evaluate import Evaluation
+    from synchronizar.recording import Recording
+    from synchronizar.registration import Registration
+
+PROGRAM = "synchronizar"
+UNUSABLE = 2
+INTERRUPTED = 130
+READER_GONE = 141
+"""As a shell tells of a program that SIGPIPE ended."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit status: 0 done, 2 where the input or an option cannot be used."""
+    try:
+        options = _parser().parse_args(argv)
+        options.command(options)
+    except InputError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return UNUSABLE
+    except MemoryError:
+        print(f"{PROGRAM}: memory: there is not enough of it for this", file=sys.stderr)
+        return UNUSABLE
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        return READER_GONE
+    return 0
+
+
+class _Parser(argparse.ArgumentParser):
+    """Tells a bad option like any other bad input."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        place, _, fault = message.removeprefix("argument ").partition(": ")
+        raise InputError(place, fault)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog=PROGRAM, description="Puts devices that each run their own SLAM into one frame.")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    register = commands.add_parser("register", help="find everybody's frame from a recording")
+    register.add_argument("recording", metavar="RECORDING", type=Path)
+    register.add_argument("--out", metavar="DIR", type=Path, help="write tracks, registration.json and ranges.csv here")
+    register.add_argument("--json", action="store_true", help="print registration.json instead of a table")
+    register.add_argument("--reference", metavar="USER", help="whose frame the common one is")
+    register.add_argument("--model", choices=["rigid"], default="rigid", help="what may be wrong with SLAM and radios")
+    register.add_argument("--method", choices=["joint"], default="joint", help="all users at once")
+    register.set_defaults(command=_register)
+
+    evaluate = commands.add_parser("evaluate", help="compare what register wrote with the truth")
+    evaluate.add_argument("recording", metavar="RECORDING", type=Path)
+    evaluate.add_argument("out", metavar="DIR", type=Path)
+    evaluate.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    evaluate.set_defaults(command=_evaluate)
+
+    simulate = commands.add_parser("simulate", help="make a recording, with its truth")
+    simulate.add_argument("recording", metavar="RECORDING", type=Path)
+    _add_scene_options(simulate)
+    simulate.set_defaults(command=_simulate)
+
+    plot = commands.add_parser("plot", help="draw what register wrote")
+    plot.add_argument("recording", metavar="RECORDING", type=Path)
+    plot.add_argument("out", metavar="DIR", type=Path)
+    plot.set_defaults(command=_plot)
+    return parser
+
+
+def _register(options: argparse.Namespace) -> None:
+    from synchronizar import report
+
+    if options.out is not None:
+        _refuse_recordings(options.out)
+    recording, registration = _solved(options)
+    if options.out is not None:
+        report.write(registration, recording, options.out)
+    if options.json:
+        _print(json.dumps(report.registration_json(registration), allow_nan=False))
+    else:
+        _print(report.table(registration))
+
+
+def _refuse_recordings(out: Path) -> None:
+    """An answer has a ranges.csv and tracks of the same names as a recording: it must not stand in one's place."""
+    folder = out.resolve()
+    if (folder / "tracks").exists():
+        raise InputError(out, "is a recording: the answer would overwrite its ranges")
+    if folder.name in ("tracks", "truth") and (folder.parent / "tracks").exists():
+        raise InputError(out, f"holds a recording's own {folder.name}: the answer would overwrite them")
+
+
+def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
+    from synchronizar.recording import Recording
+
+    _progress(f"loading {options.recording} ...")
+    began = perf_counter()
+    recording = Recording.load(options.recording)
+    loaded = perf_counter() - began
+    _progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
+    from synchronizar.pipeline import register
+
+    try:
+        registration = register(recording, reference=options.reference)
+    except RuntimeError as error:
+        if type(error) is not RuntimeError:
+            raise
+        # What gtsam throws where a system cannot be solved.
+        raise InputError(options.recording, f"cannot be solved: {error}") from error
+    return recording, replace(registration, seconds={**registration.seconds, "load": loaded})
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    from synchronizar.evaluate import evaluate_folder, evaluation_json
+
+    evaluation = evaluate_folder(options.recording, options.out)
+    if options.json:
+        _print(json.dumps(evaluation_json(evaluation), allow_nan=False))
+    else:
+        _print(_evaluation_table(evaluation))
+
+
+def _evaluation_table(e: Evaluation) -> str:
+    """Errors in cm and degrees, a row for each alignment to the truth."""
+    rows = [
+        ("all together", e.joint_ate, e.joint_ate_xy, None),
+        (f"{e.reference} alone", e.reference_ate, e.reference_ate_xy, None),
+        *((f"{name} in {e.reference}'s", e.transfer[name], e.transfer_xy[name], e.yaw[name]) for name in e.transfer),
+    ]
+    width = max(len(row[0]) for row in rows)
+    lines = [f"{'aligned':{width}}  RMSE (m)  in x, y (m)  yaw (deg)"]
+    for what, rmse, rmse_xy, yaw in rows:
+        turn = None if yaw is None else degrees(yaw)
+        lines.append(f"{what:{width}}  {_cell(rmse, '.3f'):>8}  {_cell(rmse_xy, '.3f'):>11}  {_cell(turn, '+.2f'):>9}")
+    if e.missing:
+        lines.append(f"no estimate of {', '.join(e.missing)}")
+    return "\n".join(lines)
+
+
+def _cell(number: float | None, form: str) -> str:
+    return "-" if number is None else format(number, form)
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    from synchronizar.simulate import simulate
+
+    scene = Scene(**{f.name: getattr(options, f.name) for f in fields(Scene)})
+    simulation = simulate(scene)
+    simulation.save(options.recording)
+    ranges = len(simulation.recording.ranges)
+    _print(
+        f"{options.recording}: {len(simulation.recording.users)} users, {ranges} ranges, {simulation.late.sum()} late"
+    )
+
+
+def _add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """An option for each setting of a scene, told as the scene tells it."""
+    types, told = get_type_hints(Scene), _field_docstrings()
+    for f in fields(Scene):
+        option, kind = f"--{f.name.replace('_', '-')}", types[f.name]
+        said = told[f.name].replace("`", "").replace("%", "%%")
+        if kind is bool:
+            parser.add_argument(option, action="store_true", help=said)
+            continue
+        read = {int: int, str: str, float: float, float | None: float}.get(kind, _words)
+        shown = ",".join(f.default) if isinstance(f.default, tuple) else f.default
+        metavar = {int: "N", str: "WORD", _words: "WORDS"}.get(read, "X")
+        parser.add_argument(option, type=read, default=f.default, metavar=metavar, help=f"{said} [{shown}]")
+
+
+def _field_docstrings() -> dict[str, str]:
+    """The string below each field of Scene."""
+    told = {}
+    for statement, following in pairwise(ast.iter_child_nodes(ast.parse(inspect.getsource(Scene)).body[0])):
+        match statement, following:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(docstring))):
+                told[name] = inspect.cleandoc(docstring)
+    return told
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(text.split(","))
+
+
+def _plot(options: argparse.Namespace) -> None:
+    from synchronizar.plots import plot
+    from synchronizar.recording import Recording
+
+    _progress(f"loading {options.recording} ...")
+    recording = Recording.load(options.recording)
+    _print(str(plot(recording, options.out, options.recording.resolve().name)))
+
+
+def _print(text: str) -> None:
+    """To standard output, whatever its encoding; a fault is told at once and not when Python ends."""
+    encoding = sys.stdout.encoding or "utf-8"
+    try:
+        print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+    except OSError as error:
+        # What is left in the buffer would fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise InputError("standard output", error.strerror or str(error)) from error
+
+
+def _progress(text: str) -> None:
+    if sys.stderr.isatty():
+        print(text, file=sys.stderr, flush=True)
