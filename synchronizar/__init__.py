@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from synchronizar.factors import FixedUser, RangeBlockFactor, RangeFactor, UserKeys
     from synchronizar.geometry import YawFrame
     from synchronizar.model import Model
+    from synchronizar.pipeline import register
     from synchronizar.ranges import Ranges
     from synchronizar.recording import Recording
-    from synchronizar.pipeline import register
     from synchronizar.registration import Registration, State
     from synchronizar.track import Track
     from synchronizar.user import User

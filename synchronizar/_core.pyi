@@ -96,8 +96,8 @@ def search_heights(
 ) -> list[tuple[Array, float]]:
     """Every combination of heights (k,) m that explains the ranges, and its cost, best first; all else held.
 
-    `frames` (k, 4) x, y, z, yaw of each user; `sigma` (k,) m of its height about the level that all share; `free` (k,) whose
-    heights are sought; those of the others that are in a pair are held.
+    `frames` (k, 4) x, y, z, yaw of each user; `sigma` (k,) m of its height about the level that all share; `free` (k,)
+    whose heights are sought; those of the others that are in a pair are held.
     """
 
 def range_residual(i: UserPose, o_i: Array, j: UserPose, o_j: Array, measured: float) -> tuple[float, Array]:

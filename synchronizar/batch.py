@@ -1,9 +1,9 @@
 """All users at once: every joint placement that explains the ranges, each settled in one graph.
 
-Which ranges are late and where the users are is found in turn, each given the other (expectation maximisation), and so from
-every start that could lead elsewhere: all placements that the search finds; where signals are late, those that it finds in
-parts of the walk as well, since a part may be free of the burst that misleads the whole; and each user's mirror image in
-height, which a level walk cannot tell from the user itself.
+Which ranges are late and where the users are is found in turn, each given the other (expectation maximisation), and so
+from every start that could lead elsewhere: all placements that the search finds; where signals are late, those that it
+finds in parts of the walk as well, since a part may be free of the burst that misleads the whole; and each user's
+mirror image in height, which a level walk cannot tell from the user itself.
 """
 
 from __future__ import annotations
@@ -49,7 +49,9 @@ def solve(
     if not graph.free:
         return found
     best = min(found, key=_cost)
+    excluded = model.cost_excluded
     if (best.graph.honest(best.values) < 0.5).mean() > model.doubtful_share:
+        excluded = model.cost_excluded_late
         found += [_settle(graph, s.frames, annealing=model.annealing) for s in list(found)]
         for part in _parts(samples, model):
             if connected(part, len(graph.users), graph.reference) == placed:
@@ -57,11 +59,11 @@ def solve(
                 likely = joint_placements(part, graph.users, placed, graph.reference, model)[: model.most_followed]
                 found += [_settle(graph, h.frames, hopeless=best.cost + _HOPELESS) for h in likely]
         best = min(found, key=_cost)
-    found += [_settle(graph, frames) for frames in best.graph.other_heights(best.frames)]
+    found += [_settle(graph, frames) for frames in best.graph.other_heights(best.frames, excluded)]
     best = min(found, key=_cost)
     found += [_settle(graph, frames) for frames in _mirrored(samples, best)]
     found.sort(key=_cost)
-    return [s for s in found if s.cost <= found[0].cost + model.cost_excluded]
+    return [s for s in found if s.cost <= found[0].cost + excluded]
 
 
 def _cost(settled: Settled) -> float:
@@ -69,7 +71,7 @@ def _cost(settled: Settled) -> float:
 
 
 def _settle(graph: RigidGraph, frames: Array, annealing: float = 1.0, hopeless: float = np.inf) -> Settled:
-    """The minimum that `frames` (k, 4) lead to; a start that is above `hopeless` after a round is not followed further."""
+    """The minimum that `frames` (k, 4) lead to; one above `hopeless` after a round is not followed further."""
     values = graph.values(frames)
     if not graph.free:
         return Settled(frames, 0.0, graph, values)
@@ -97,7 +99,7 @@ def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
 
 
 def _mirrored(samples: Samples, best: Settled) -> list[Array]:
-    """Placements (k, 4) in which one user, or all of them, are mirrored in height, where that is not out of the question.
+    """Placements (k, 4) with one user, or all of them, mirrored in height, where that is not out of the question.
 
     With places and headings held such a placement may be no minimum (`other_heights` misses it then), and yet lead to
     one with them free.

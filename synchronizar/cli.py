@@ -108,10 +108,15 @@ def _register(options: argparse.Namespace) -> None:
 def _refuse_recordings(out: Path) -> None:
     """An answer has a ranges.csv and tracks of the same names as a recording: it must not stand in one's place."""
     folder = out.resolve()
-    if (folder / "tracks").exists():
+    if _is_recording(folder):
         raise InputError(out, "is a recording: the answer would overwrite its ranges")
-    if folder.name in ("tracks", "truth") and (folder.parent / "tracks").exists():
-        raise InputError(out, f"holds a recording's own {folder.name}: the answer would overwrite them")
+    for place in (folder, *folder.parents):
+        if place.name in ("tracks", "truth") and _is_recording(place.parent):
+            raise InputError(out, f"is a recording's own {place.name}: no place for an answer")
+
+
+def _is_recording(folder: Path) -> bool:
+    return (folder / "tracks").is_dir() and (folder / "ranges.csv").exists()
 
 
 def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:

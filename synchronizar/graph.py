@@ -15,7 +15,6 @@ from synchronizar.model import Model
 from synchronizar.samples import Pair, Samples, pairs
 from synchronizar.user import User
 
-
 _LEVEL = gtsam.symbol("L", 0)  # double (m): the height that all origins lie about
 
 
@@ -64,8 +63,8 @@ def _join(columns: list[Array]) -> Array:
 class RigidGraph:
     """The paper's own model, all users at once: SLAM is trusted, a frame and a height per user are the unknowns.
 
-    The reference's frame is the common one. Heights have their prior: all origins lie about one level. Places and headings
-    have one so wide that it says nothing, but keeps the system solvable where the ranges do not.
+    The reference's frame is the common one. Heights have their prior: all origins lie about one level. Places and
+    headings have one so wide that it says nothing, but keeps the system solvable where the ranges do not.
     """
 
     def __init__(
@@ -90,6 +89,12 @@ class RigidGraph:
             about_level = gtsam.noiseModel.Isotropic.Sigma(1, self._from_level[reference])
             self._priors.addPriorDouble(_LEVEL, 0.0, about_level)
 
+    def prior_variances(self, user: int) -> Array:
+        """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
+        m = self._model
+        height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
+        return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
+
     def covariances(self, values: gtsam.Values) -> Array:
         """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), from the joint marginals.
 
@@ -104,7 +109,7 @@ class RigidGraph:
             keys = keys_of(u).keys()
             joint = marginals.jointMarginalCovariance(keys)
             body = np.block([[joint.at(a, b) for b in keys] for a in keys])
-            # Pose2's tangent is (v in its own axes, yaw), then the height: turned into the common axes and put in order.
+            # Pose2's tangent is (v in its own axes, yaw), then the height: turned and put in order.
             yaw = values.atPose2(keys[0]).theta()
             c, s = np.cos(yaw), np.sin(yaw)
             common_from_body = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]])
@@ -128,8 +133,11 @@ class RigidGraph:
         out.blocks = blocks
         return out, cost + float(self._priors.error(values))
 
-    def other_heights(self, frames: Array) -> list[Array]:
-        """Joint placements (k, 4) that differ from `frames` in heights alone and explain the ranges as well, or almost."""
+    def other_heights(self, frames: Array, excluded: float) -> list[Array]:
+        """Joint placements (k, 4) that differ from `frames` in heights alone and explain the ranges.
+
+        Their cost is at most `excluded` above the best one's.
+        """
         pairs = [(b.pair.i, b.pair.j, b.block) for b in self.blocks]
         found = search_heights(
             np.nan_to_num(frames),
@@ -137,7 +145,7 @@ class RigidGraph:
             np.isin(np.arange(len(frames)), self.free),
             pairs,
             self._loss,
-            self._model.cost_excluded,
+            excluded,
             self._model.most_hypotheses,
         )
         return [np.column_stack([frames[:, :2], heights + 0.0 * frames[:, 2], frames[:, 3]]) for heights, _ in found]

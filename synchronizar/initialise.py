@@ -1,7 +1,7 @@
 """Ranges -> where each frame could be: joint placements of all users, found without a start that has to be lucky.
 
-Users are added one at a time, each against all that are placed already, beginning with the two that see each other best.
-Every placement that explains the ranges is followed (a user that walks a line has a mirror image, for one) until
+Users are added one at a time, each against all that are placed already, beginning with the two that see each other
+best. Every placement that explains the ranges is followed (a user that walks a line has a mirror image, for one) until
 ranges to others exclude it.
 """
 

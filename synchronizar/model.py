@@ -62,7 +62,7 @@ class Model:
     """How many times wider than true the loss is at first, where the answer is in doubt (graduated non-convexity)."""
     doubtful_share: float = 0.02
     """Where more of the ranges than this are taken for late, the answer is looked for again in parts of the walk."""
-    parts: int = 16
+    parts: int = 24
     """How many parts are tried."""
     most_followed: int = 3
     """Joint placements that are followed from each."""
@@ -72,11 +72,15 @@ class Model:
     """and at most this much, in pieces of a twelfth drawn at random."""
 
     # When the answer is called good
-    cost_excluded: float = 10.0
-    """An alternative is excluded by data that make it e^-10 times as likely as the best."""
+    cost_excluded: float = 7.0
+    """An alternative that is e^-7 times as likely as the best is excluded;"""
+    cost_excluded_late: float = 12.0
+    """e^-12 times where signals are late: how they are late is known but roughly."""
     largest_error: float = 0.6
     """A placement that is off by more than this, anywhere on the user's own walk, is wrong."""
     largest_yaw_error: float = 0.5
     """A heading that is off by more than this is wrong."""
     wrong_share: float = 1e-3
     """A user is registered when the probability that its placement is wrong is below this."""
+    largest_rejected: float = 0.75
+    """A user of whose ranges more are rejected is not registered."""

@@ -16,7 +16,7 @@ from synchronizar.model import Model
 from synchronizar.recording import Recording
 from synchronizar.registration import Alternative, RangeVerdicts, Registration, State, UserRegistration
 from synchronizar.samples import Samples, samples_of
-from synchronizar.verdict import Placement, Verdict, placements, verdicts
+from synchronizar.verdict import Placement, Verdict, fits, placements, verdicts
 
 
 def register(recording: Recording, reference: str | None = None, model: Model | None = None) -> Registration:
@@ -37,8 +37,9 @@ def register(recording: Recording, reference: str | None = None, model: Model | 
     searched = perf_counter()
     settled = solve(samples, graph, placed, starts, model)
     corners = _corners(recording)
-    found = placements(settled, corners, model)
-    said = verdicts(found, settled[0], samples, users, corners, model)
+    fit = fits(settled[0], samples)
+    found = placements(settled, fit, corners, model)
+    said = verdicts(found, fit, graph, corners, model)
     return Registration(
         reference=users[ref].name,
         model="rigid",

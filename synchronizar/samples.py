@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +63,7 @@ def pairs(samples: Samples) -> Iterator[Pair]:
         return
     change = np.flatnonzero(np.diff(samples.i) | np.diff(samples.j)) + 1
     bounds = [0, *change.tolist(), len(samples)]
-    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+    for begin, end in pairwise(bounds):
         yield Pair(int(samples.i[begin]), int(samples.j[begin]), slice(begin, end))
 
 

@@ -95,7 +95,12 @@ def chains(draw: st.DrawFn) -> tuple[Array, Array, Array, Array]:
     def column(elements: st.SearchStrategy[float]) -> Array:
         return np.array(draw(st.lists(elements, min_size=n, max_size=n)))
 
-    return np.cumsum(column(st.floats(0.0, 3.0))), column(residual), column(st.floats(0.05, 0.3)), column(st.floats(0.01, 10.0))
+    return (
+        np.cumsum(column(st.floats(0.0, 3.0))),
+        column(residual),
+        column(st.floats(0.05, 0.3)),
+        column(st.floats(0.01, 10.0)),
+    )
 
 
 @given(
@@ -123,7 +128,9 @@ def test_the_chain_is_the_sum_over_every_path(
 
 def test_honest_ranges_without_residual_cost_little() -> None:
     n = 100
-    _, cost = judge_bursts(np.arange(n) * 0.1, np.zeros(n), np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION)
+    _, cost = judge_bursts(
+        np.arange(n) * 0.1, np.zeros(n), np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
+    )
     assert abs(cost) < 0.03 * n
 
 
@@ -193,7 +200,9 @@ def test_the_longer_a_detour_the_surer_its_neighbours_are_that_it_is_late() -> N
         chain = np.zeros(31)
         chain[10:21] = e
         n = len(chain)
-        odds, _ = judge_bursts(np.arange(n) * 0.1, chain, np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION)
+        odds, _ = judge_bursts(
+            np.arange(n) * 0.1, chain, np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
+        )
         assert odds[15] > 1.0
 
 

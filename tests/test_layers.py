@@ -31,17 +31,24 @@ FLOORS = (
     {"graph"},
     {"initialise"},
     {"batch"},
+    {"misfit"},
     {"verdict"},
     {"pipeline"},
     {"__init__"},
     {"report", "evaluate"},
+    {"plots.answer"},
+    {"plots.uncertainty"},
+    {"plots.style"},
+    {"plots.walks", "plots.residuals"},
+    {"plots.picture"},
     {"plots"},
     {"cli"},
+    {"__main__"},
 )
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 
 ALONE_WITH = {
-    "matplotlib": {"plots"},
+    "matplotlib": {"plots.walks", "plots.residuals", "plots.picture"},
     "gtsam": {"factors", "graph", "batch", "initialise", "verdict"},
 }
 

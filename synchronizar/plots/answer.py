@@ -105,10 +105,12 @@ def _registration(said: Mapping[str, Any], recording: Recording, verdicts: Range
 
 
 def _user(name: str, static: bool, said: Mapping[str, Any]) -> UserRegistration:
-    covariance, unseen = said["covariance"], said.get("unseen_direction")
+    state, covariance, unseen = State(said["state"]), said["covariance"], said.get("unseen_direction")
+    if (said["x"] is None or covariance is None) != (state is State.DISCONNECTED):
+        raise ValueError(state)
     return UserRegistration(
         name=name,
-        state=State(said["state"]),
+        state=state,
         reason=str(said["reason"]),
         common_from_user=None if said["x"] is None else _frame(said),
         covariance=None if covariance is None else _numbers([x for row in covariance for x in row]).reshape(4, 4),
@@ -146,6 +148,8 @@ def _read_verdicts(file: Path, count: int) -> RangeVerdicts:
             verdict = np.array(columns["verdict"], dtype=str)
             weight = np.array(columns["weight"], dtype=float)
             residual = np.array([text or "nan" for text in columns["residual"]], dtype=float)
+            if not np.isfinite(residual[verdict != "unusable"]).all():
+                raise ValueError(residual)
         except (ValueError, csv.Error) as error:
             raise InputError(file, f"is not the table of {','.join(RANGE_COLUMNS)} that register writes") from error
     if len(verdict) != count:

@@ -31,12 +31,10 @@ def plot(recording: Recording, folder: str | Path, name: str) -> Path:
     """
     answer = read_answer(Path(folder), recording)
     file = Path(folder) / "picture.png"
-    # Names are anybody's: never formulas, and of scripts that the font may lack.
-    with matplotlib.rc_context({"text.parse_math": False}), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing")
-        figure = draw(answer, f"{name}: where its {len(answer.names)} devices were, from the distances between them")
-        with os_faults(file):
-            figure.savefig(file, dpi=DPI)
+    figure = draw(answer, f"{name}: where its {len(answer.names)} devices were, from the distances between them")
+    with warnings.catch_warnings(), os_faults(file):
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # names may be of scripts that the font lacks
+        figure.savefig(file, dpi=DPI)
     return file
 
 
@@ -49,12 +47,13 @@ def draw(answer: Answer, title: str) -> Figure:
     of_user = styles(answer)
     sigma = range_sigma(answer)
     limits = residual_limits(answer, sigma)
-    draw_walks(figure.add_subplot(left[0]), answer, of_user)
-    draw_over_time(figure.add_subplot(left[1]), answer, limits)
-    _draw_users(figure.add_subplot(right[0]), answer, of_user)
-    _draw_symbols(figure.add_subplot(right[1]))
-    draw_histogram(figure.add_subplot(right[2]), answer, sigma, limits)
-    figure.suptitle(title, fontsize=14, fontweight="bold")
+    with matplotlib.rc_context({"text.parse_math": False}):  # names may look like formulas
+        draw_walks(figure.add_subplot(left[0]), answer, of_user)
+        draw_over_time(figure.add_subplot(left[1]), answer, limits)
+        _draw_users(figure.add_subplot(right[0]), answer, of_user)
+        _draw_symbols(figure.add_subplot(right[1]))
+        draw_histogram(figure.add_subplot(right[2]), answer, sigma, limits)
+        figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure
 
 

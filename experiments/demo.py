@@ -1,0 +1,82 @@
+"""Three walkers, 12 s, three ranges in ten late: simulated, registered, compared with the truth, drawn.
+
+`python -m experiments.demo [--out demo]` leaves the recording in demo/walk and the answer, with its picture, in
+demo/answer.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from synchronizar import report
+from synchronizar.evaluate import evaluate
+from synchronizar.geometry import YawFrame, wrap_angle
+from synchronizar.pipeline import register
+from synchronizar.plots import plot
+from synchronizar.recording import Recording
+from synchronizar.registration import Registration
+from synchronizar.scene import Scene
+from synchronizar.simulate import Simulation, simulate
+
+SCENE = Scene(users=3, seconds=12.0, late_share=0.3, seed=3)
+ROW = "{:8}{:14}{:>8}{:>8}{:>8}{:>9}{:>9}{:>8}{:>8}{:>11}{:>8}{:>8}"
+HEAD = ("user", "state", "x", "y", "z", "yaw", "1σ xy", "z", "yaw", "error xy", "z", "yaw")
+
+
+def main() -> None:
+    """From nothing to the picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("demo"))
+    out = parser.parse_args().out
+    walk, answer = out / "walk", out / "answer"
+
+    simulation = simulate(SCENE)
+    simulation.save(walk)
+    recording = Recording.load(walk)
+    registration = register(recording)
+    report.write(registration, recording, answer)
+
+    print(
+        f"{SCENE.users} walkers, {SCENE.seconds:g} s, {simulation.late.mean():.0%} of the ranges late; m and degrees\n"
+    )
+    print(ROW.format(*HEAD))
+    for name in registration.users:
+        print(_row(registration, simulation, name))
+    evaluation = evaluate(registration.tracks(recording), simulation.truth, registration.reference)
+    print(f"\nall walks against the truth: {evaluation.joint_ate:.3f} m, in the plane {evaluation.joint_ate_xy:.3f} m")
+    print("ranges: " + ", ".join(f"{count} {what}" for what, count in report.range_counts(registration.ranges).items()))
+    right = registration.ranges.used != simulation.late
+    print(f"late ones told from honest ones: {right.mean():.1%} of {len(right)}")
+    print(f"picture: {plot(recording, answer, walk.name)}")
+
+
+def _row(registration: Registration, simulation: Simulation, name: str) -> str:
+    user = registration.users[name]
+    frame, covariance = user.common_from_user, user.covariance
+    if frame is None or covariance is None:
+        return f"{name:8}{user.state}"
+    sigma_xy = np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1])
+    sigma_z, sigma_yaw = np.sqrt(np.diag(covariance)[2:])
+    true = _true_frame(simulation, registration.reference, name)
+    return ROW.format(
+        name,
+        user.state,
+        *(f"{value:+.2f}" for value in (frame.x, frame.y, frame.z)),
+        f"{np.degrees(frame.yaw):+.1f}",
+        *(f"{sigma:.2f}" for sigma in (sigma_xy, sigma_z)),
+        f"{np.degrees(sigma_yaw):.1f}",
+        f"{np.hypot(frame.x - true.x, frame.y - true.y):.2f}",
+        f"{frame.z - true.z:+.2f}",
+        f"{np.degrees(wrap_angle(frame.yaw - true.yaw)):+.1f}",
+    )
+
+
+def _true_frame(simulation: Simulation, reference: str, name: str) -> YawFrame:
+    return simulation.world_from_user[reference].inverse() @ simulation.world_from_user[name]
+
+
+if __name__ == "__main__":
+    main()
