@@ -150,11 +150,13 @@ struct Coarse {
   }
 };
 
+// The heights that the prior leaves open, from the most likely outwards.
 std::vector<double> heights(double sigma) {
   std::vector<double> out{0.0};
-  for (double z = kHeightStep; z <= 2.0 * sigma; z += kHeightStep) {
-    out.push_back(z);
-    out.push_back(-z);
+  const int steps = static_cast<int>(2.0 * sigma / kHeightStep);
+  for (int k = 1; k <= steps; ++k) {
+    out.push_back(kHeightStep * k);
+    out.push_back(-kHeightStep * k);
   }
   return out;
 }

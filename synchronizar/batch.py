@@ -20,9 +20,11 @@ from synchronizar.initialise import Hypothesis, connected, joint_placements
 from synchronizar.model import Model
 from synchronizar.samples import Samples
 
-_GAIN = 1e-3  # of log likelihood: a step that gains less changes nothing that could be measured
+_GAIN = 5e-3  # of log likelihood, in units of 1: a step that gains less changes nothing that could be measured
+_HOPELESS = 50.0  # of log likelihood: more than further rounds may gain
+_SAME = 0.01  # m and rad: minima that are closer are one
+_TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
 _MOST_ROUNDS = 10
-_HOPELESS = 50.0  # of log likelihood: more than a further round may gain
 _PIECES = 12  # that a walk is cut into to draw parts of it
 
 
@@ -45,46 +47,64 @@ def solve(
 
     `starts` are those that the search found in the whole walk.
     """
-    found = [_settle(graph, h.frames) for h in starts]
+    found = _Minima(graph)
+    for start in starts:
+        found.follow(start.frames)
     if not graph.free:
-        return found
-    best = min(found, key=_cost)
+        return found.settled
     excluded = model.cost_excluded
-    if (best.graph.honest(best.values) < 0.5).mean() > model.doubtful_share:
+    if found.best.graph.rejected(found.best.values) > model.doubtful_share:
         excluded = model.cost_excluded_late
-        found += [_settle(graph, s.frames, annealing=model.annealing) for s in list(found)]
+        for start in starts:
+            found.follow(start.frames, annealing=model.annealing)
         for part in _parts(samples, model):
             if connected(part, len(graph.users), graph.reference) == placed:
-                best = min(found, key=_cost)
-                likely = joint_placements(part, graph.users, placed, graph.reference, model)[: model.most_followed]
-                found += [_settle(graph, h.frames, hopeless=best.cost + _HOPELESS) for h in likely]
-        best = min(found, key=_cost)
-    found += [_settle(graph, frames) for frames in best.graph.other_heights(best.frames, excluded)]
-    best = min(found, key=_cost)
-    found += [_settle(graph, frames) for frames in _mirrored(samples, best)]
-    found.sort(key=_cost)
-    return [s for s in found if s.cost <= found[0].cost + excluded]
+                likely = joint_placements(part, graph.users, placed, graph.reference, model)
+                for start in likely[: model.most_followed]:
+                    found.follow(start.frames)
+    best = found.best
+    sigma = np.sqrt(best.graph.covariances(best.values)[:, 2, 2])
+    for frames in [*best.graph.other_heights(best.frames, excluded), *_mirrored(samples, best)]:
+        if (np.abs(frames[:, 2] - best.frames[:, 2]) > _TOLD_APART * sigma)[graph.free].any():
+            found.follow(frames)
+    return sorted((s for s in found.settled if s.cost <= found.best.cost + excluded), key=_cost)
 
 
 def _cost(settled: Settled) -> float:
     return settled.cost
 
 
-def _settle(graph: RigidGraph, frames: Array, annealing: float = 1.0, hopeless: float = np.inf) -> Settled:
-    """The minimum that `frames` (k, 4) lead to; one above `hopeless` after a round is not followed further."""
-    values = graph.values(frames)
-    if not graph.free:
-        return Settled(frames, 0.0, graph, values)
-    if annealing > 1.0:
-        values = _optimize(graph.factors(annealing), values, iterations=3)
-    before, judged = np.inf, graph
-    for k in range(_MOST_ROUNDS):
-        judged, cost = graph.with_bursts(values)
-        if before - cost < _GAIN or (k > 0 and cost > hopeless):
-            break
-        before = cost
-        values = _optimize(judged.factors(), values, iterations=20)
-    return Settled(graph.frames(values), cost, judged, values)
+class _Minima:
+    """The minima found so far."""
+
+    def __init__(self, graph: RigidGraph) -> None:
+        self._graph = graph
+        self.settled: list[Settled] = []
+
+    @property
+    def best(self) -> Settled:
+        return min(self.settled, key=_cost)
+
+    def follow(self, frames: Array, annealing: float = 1.0) -> None:
+        """Add the minimum that `frames` (k, 4) lead to, unless it is known already, or hopelessly above the best."""
+        graph, values = self._graph, self._graph.values(frames)
+        if not graph.free:
+            self.settled.append(Settled(frames, 0.0, graph, values))
+            return
+        if annealing > 1.0:
+            values = _optimize(graph.factors(annealing), values, iterations=3)
+        hopeless = self.best.cost + _HOPELESS if self.settled else np.inf
+        before = np.inf
+        for k in range(_MOST_ROUNDS):
+            judged, cost = graph.with_bursts(values)
+            if before - cost < _GAIN or (k > 0 and cost > hopeless):
+                break
+            before = cost
+            values = _optimize(judged.factors(), values, iterations=4 if k == 0 else 20)
+            frames = graph.frames(values)
+            if any(np.nanmax(np.abs(frames - known.frames)) < _SAME for known in self.settled):
+                return
+        self.settled.append(Settled(graph.frames(values), cost, judged, values))
 
 
 def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
@@ -105,7 +125,6 @@ def _mirrored(samples: Samples, best: Settled) -> list[Array]:
     one with them free.
     """
     heights = best.frames[:, 2]
-    sigma = np.sqrt(best.graph.covariances(best.values)[:, 2, 2])
     above = heights[samples.i] + samples.p_i[:, 2] - heights[samples.j] - samples.p_j[:, 2]
     everybody = [best.graph.reference, *best.graph.free]
     shifts = np.zeros((len(everybody) + 1, len(heights)))
@@ -114,13 +133,11 @@ def _mirrored(samples: Samples, best: Settled) -> list[Array]:
         i, j = samples.i == u, samples.j == u
         shift[u] = -2.0 * (above[i].sum() - above[j].sum()) / max(i.sum() + j.sum(), 1)
     out = []
-    cost = best.graph.cost(best.values)
+    most = best.graph.cost(best.values) + _HOPELESS
     for shift in shifts:
-        shift -= shift[best.graph.reference]
         frames = best.frames.copy()
-        frames[:, 2] += shift
-        told_apart = (np.abs(shift) > 1.5 * sigma)[best.graph.free].any()
-        if told_apart and best.graph.cost(best.graph.values(frames)) < cost + _HOPELESS:
+        frames[:, 2] += shift - shift[best.graph.reference]
+        if best.graph.cost(best.graph.values(frames)) < most:
             out.append(frames)
     return out
 

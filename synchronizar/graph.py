@@ -159,6 +159,10 @@ class RigidGraph:
         """The probability that each range is honest (n,), in the order of the samples."""
         return _join([b.block.honest(*self._ends(b, values), self._loss) for b in self.blocks])
 
+    def rejected(self, values: gtsam.Values) -> float:
+        """The share of the ranges that are more likely late, or garbage, than honest."""
+        return float((self.honest(values) < 0.5).mean())
+
     def residuals(self, values: gtsam.Values) -> Array:
         """Measured minus predicted (n,) m, in the order of the samples."""
         return -_join([b.block.residuals(*self._ends(b, values)) for b in self.blocks])

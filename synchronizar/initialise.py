@@ -15,7 +15,7 @@ from synchronizar._core import search_placements
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.graph import height_sigma_of, late_loss
 from synchronizar.model import Model
-from synchronizar.samples import Samples
+from synchronizar.samples import Samples, pairs
 from synchronizar.user import User
 
 
@@ -46,48 +46,65 @@ def joint_placements(
     samples: Samples, users: tuple[User, ...], placed: list[int], reference: int, model: Model
 ) -> list[Hypothesis]:
     """Joint placements of the users in `placed` (the reference among them), best first; in the reference's frame."""
-    own = _own_positions(samples)
-    first = _begin(samples, users, placed, own)
+    if len(placed) == 1:
+        frames = np.full((len(users), 4), np.nan)
+        frames[reference] = 0.0
+        return [Hypothesis(frames, 0.0)]
+    own = np.stack([samples.p_i, samples.p_j])
+    sight, spread = _sights(samples, len(users))
+    order = _order(sight, spread, np.array([user.static for user in users]), placed)
     frames = np.full((len(users), 4), np.nan)
-    frames[first] = 0.0
+    frames[order[0]] = 0.0
     alive = [Hypothesis(frames, 0.0)]
-    todo = set(placed) - {first}
-    while todo:
-        user = _best_seen(samples, alive[0], todo, own)
-        todo.remove(user)
-        alive = _extend(samples, alive, users, user, model)
+    for user in order[1:]:
+        alive = _extend(samples, own, alive, users, user, model)
     return [Hypothesis(_relative_to(h.frames, reference), h.cost) for h in alive]
 
 
-def _own_positions(samples: Samples) -> Array:
-    return np.stack([samples.p_i, samples.p_j])
+def _sights(samples: Samples, users: int) -> tuple[Array, Array]:
+    """How well each two users (k, k) are likely to tell their placement, a rough measure for an order only.
+
+    And how far each (k,) spreads: the smaller principal 1 sigma of its places in the plane and a tenth of the larger (m).
+    """
+    begin = np.array([pair.samples.start for pair in pairs(samples)])
+    count = np.diff([*begin, len(samples)])
+    i, j = samples.i[begin], samples.j[begin]
+
+    def mean(column: Array) -> Array:
+        return np.add.reduceat(column, begin) / count
+
+    def spread_of(p: Array) -> Array:
+        x, y = p[:, 0], p[:, 1]
+        mx, my = mean(x), mean(y)
+        xx, yy, xy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
+        middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+        small, large = np.maximum(middle - radius, 0.0), np.maximum(middle + radius, 0.0)
+        return np.asarray(np.sqrt(small) + 0.1 * np.sqrt(large))
+
+    spread_i, spread_j = spread_of(samples.p_i), spread_of(samples.p_j)
+    reach = np.maximum(mean(samples.distance), 0.5)
+    sight = np.full((users, users), -1.0)
+    sight[i, j] = sight[j, i] = (spread_i + spread_j) / reach * np.sqrt(count)
+    spread = np.zeros(users)
+    np.maximum.at(spread, i, spread_i)
+    np.maximum.at(spread, j, spread_j)
+    return sight, spread
 
 
-def _spread(xy: Array) -> float:
-    """How far points (n, 2) lie from their best line, and a little for how far along it (m): 0 for one point."""
-    values = np.linalg.eigvalsh(np.cov(xy.T)) if len(xy) > 1 else np.zeros(2)
-    small, large = np.sqrt(np.maximum(values, 0.0))
-    return float(small + 0.1 * large)
+def _order(sight: Array, spread: Array, static: Mask, placed: list[int]) -> list[int]:
+    """The users in the order in which they are placed: each next one has the best sight of one before it.
 
-
-def _sight(known: Array, own: Array, distance: Array) -> float:
-    """How well ranges between these points are likely to tell a placement: a rough measure, for an order only."""
-    reach = max(float(distance.mean()), 0.5)
-    return (_spread(known[:, :2]) + _spread(own[:, :2])) / reach * float(np.sqrt(len(distance)))
-
-
-def _begin(samples: Samples, users: tuple[User, ...], placed: list[int], own: Array) -> int:
-    """The user whose frame the search begins with: of the two that see each other best the one that moves more."""
-    from synchronizar.samples import pairs
-
-    best, first = -1.0, placed[0]
-    for pair in pairs(samples):
-        p_i, p_j = own[0, pair.samples], own[1, pair.samples]
-        sight = _sight(p_i, p_j, samples.distance[pair.samples])
-        ends = [(u, _spread(p[:, :2])) for u, p in ((pair.i, p_i), (pair.j, p_j)) if not users[u].static]
-        if ends and sight > best:
-            best, first = sight, max(ends, key=lambda end: end[1])[0]
-    return first
+    The first has a heading, and is of the two that see each other best the one that moves more.
+    """
+    of_moving = np.where(static[:, None] & static[None, :], -1.0, sight)
+    ends = np.array(np.unravel_index(np.argmax(of_moving), sight.shape))
+    first = int(ends[np.argmax(np.where(static[ends], -1.0, spread[ends]))])
+    order = [first]
+    while len(order) < len(placed):
+        best = sight[order].max(axis=0)
+        best[order] = -2.0
+        order.append(int(np.argmax(best)))
+    return order
 
 
 def _links(samples: Samples, user: int, placed: Mask) -> tuple[Indices, Indices]:
@@ -106,24 +123,9 @@ def _known_positions(samples: Samples, frames: Array, rows: Indices, end: Indice
     return np.stack([x + c * p[:, 0] - s * p[:, 1], y + s * p[:, 0] + c * p[:, 1], z + p[:, 2]], axis=1)
 
 
-def _best_seen(samples: Samples, hypothesis: Hypothesis, todo: set[int], own: Array) -> int:
-    placed = ~np.isnan(hypothesis.frames[:, 0])
-    best, user = -1.0, -1
-    for candidate in sorted(todo):
-        rows, end = _links(samples, candidate, placed)
-        if not len(rows):
-            continue
-        known = _known_positions(samples, hypothesis.frames, rows, end, own)
-        sight = _sight(known, own[end, rows], samples.distance[rows])
-        if sight > best:
-            best, user = sight, candidate
-    return user
-
-
 def _extend(
-    samples: Samples, alive: list[Hypothesis], users: tuple[User, ...], user: int, model: Model
+    samples: Samples, own: Array, alive: list[Hypothesis], users: tuple[User, ...], user: int, model: Model
 ) -> list[Hypothesis]:
-    own = _own_positions(samples)
     grown = []
     for hypothesis in alive:
         placed = ~np.isnan(hypothesis.frames[:, 0])

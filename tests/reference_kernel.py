@@ -1,8 +1,8 @@
 """The C++ core's arithmetic once more, plain and slow, from definitions alone: what the tests compare the core with.
 
-A placement is the array (8,) that `UserPose` takes: F (x, y, yaw), H, X (x, y, yaw), Z. Derivatives that are not written
-out come from complex steps (Squire and Trapp, SIAM Review 1998): f'(x) = Im f(x + i h) / h is exact to the last digit,
-because nothing is subtracted; so everything here takes complex numbers too.
+A placement is the array (8,) that `UserPose` takes: F (x, y, yaw), H, X (x, y, yaw), Z. Derivatives that are not
+written out come from complex steps (Squire and Trapp, SIAM Review 1998): f'(x) = Im f(x + i h) / h is exact to the last
+digit, because nothing is subtracted; so what is differentiated takes complex numbers too.
 """
 
 from __future__ import annotations
@@ -123,12 +123,12 @@ def mixture(e: Any, sigma: float, odds: float, scale: float) -> Any:
     return honest_density(e, sigma) + odds * stray_density(e, sigma, scale)
 
 
-def honest_density(e: Any, sigma: float) -> Any:
+def honest_density(e: Any, sigma: Any) -> Any:
     """A normal distribution's density (1/m)."""
     return np.exp(-e * e / 2.0) / (np.sqrt(2.0 * np.pi) * sigma)
 
 
-def stray_density(e: Any, sigma: float, scale: float) -> Any:
+def stray_density(e: Any, sigma: Any, scale: float) -> Any:
     """A half Cauchy's density (1/m) of the length that a stray range is off by."""
     return 2.0 / (np.pi * scale * (1.0 + (e * sigma / scale) ** 2))
 
@@ -185,7 +185,7 @@ def gradient(i: Array, j: Array, ranges: Measured, loss: Loss, annealing: float 
 
 
 def height_bending(i: Array, j: Array, ranges: Measured, loss: Loss, annealing: float = 1.0) -> float:
-    """The sum over ranges of rho' (1 - e_z^2) / (sigma d): what the ranges' own bending adds to a height's information."""
+    """The sum over ranges of rho' (1 - e_z^2) / (sigma d): what their own bending adds to a height's information."""
     e = residuals(i, j, ranges) / ranges.sigma
     slope = losses(i, j, ranges, loss, annealing)[:, 1] * e
     total = 0.0

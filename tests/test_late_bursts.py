@@ -55,7 +55,7 @@ def emission(e: float, sigma: float, late_odds: float, loss: Late, share: float)
         honest += loss.early_odds * stray_density(e, sigma, loss.scale)
     spread = np.sqrt(sigma**2 + VARIANCE * loss.scale**2)
     late = honest_density((e * sigma + LENGTH * loss.scale) / spread, spread)
-    return np.array([honest, *(late * late_odds / (share / (1.0 - share)))]) / at_zero
+    return np.array([honest, *(late * late_odds / (share / (1.0 - share)))]) / float(at_zero)
 
 
 def every_path(
@@ -80,8 +80,12 @@ def late_by_the_loss(e: Array, sigma: Array, late_odds: Array, loss: Late = LATE
 def judged(e: Array, dt: float = 0.1, sigma: float = 0.1, late_odds: float = TYPICAL_ODDS) -> Array:
     """P(late) of ranges every dt s."""
     n = len(e)
-    odds, _ = judge_bursts(np.arange(n) * dt, e, np.full(n, sigma), np.full(n, late_odds), LATE, SHARE, DURATION)
+    odds, _ = judge_bursts(stamps(n, dt), e, np.full(n, sigma), np.full(n, late_odds), LATE, SHARE, DURATION)
     return late_by_the_loss(e, np.full(n, sigma), odds)
+
+
+def stamps(n: int, dt: float) -> Array:
+    return np.asarray(dt * np.arange(n), dtype=float)
 
 
 # An honest density below e^-12.5 meets the floor that keeps the chain from dividing by zero, which the paths here lack.
@@ -129,7 +133,7 @@ def test_the_chain_is_the_sum_over_every_path(
 def test_honest_ranges_without_residual_cost_little() -> None:
     n = 100
     _, cost = judge_bursts(
-        np.arange(n) * 0.1, np.zeros(n), np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
+        stamps(n, 0.1), np.zeros(n), np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
     )
     assert abs(cost) < 0.03 * n
 
@@ -187,7 +191,7 @@ def test_a_single_range_is_judged_by_its_own_residual() -> None:
 
 def test_what_the_radio_says_of_a_range_is_heard() -> None:
     e = np.full(3, -2.0)
-    t, sigma = np.arange(3) * 10.0, np.full(3, 0.1)
+    t, sigma = stamps(3, 10.0), np.full(3, 0.1)
     clear, _ = judge_bursts(t, e, sigma, np.full(3, 0.05), LATE, SHARE, DURATION)
     blocked, _ = judge_bursts(t, e, sigma, np.full(3, 9.0), LATE, SHARE, DURATION)
     assert (late_by_the_loss(e, sigma, clear) < 0.4).all()
@@ -200,9 +204,7 @@ def test_the_longer_a_detour_the_surer_its_neighbours_are_that_it_is_late() -> N
         chain = np.zeros(31)
         chain[10:21] = e
         n = len(chain)
-        odds, _ = judge_bursts(
-            np.arange(n) * 0.1, chain, np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
-        )
+        odds, _ = judge_bursts(stamps(n, 0.1), chain, np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION)
         assert odds[15] > 1.0
 
 
@@ -218,7 +220,7 @@ def test_ranges_of_one_moment_that_are_all_late_by_far_give_numbers() -> None:
 @pytest.mark.parametrize("e", [0.0, -2.0, -40.0, 40.0])
 def test_a_chain_of_any_length_stays_finite_and_fast(e: float) -> None:
     n = 200_000
-    columns = np.arange(n) * 0.01, np.full(n, e), np.full(n, 0.1), np.full(n, 0.25)
+    columns = stamps(n, 0.01), np.full(n, e), np.full(n, 0.1), np.full(n, 0.25)
     begin = time.perf_counter()
     odds, cost = judge_bursts(*columns, LATE, SHARE, DURATION)
     assert time.perf_counter() - begin < 2.0
@@ -229,14 +231,15 @@ def test_a_chain_of_any_length_stays_finite_and_fast(e: float) -> None:
     np.testing.assert_allclose(middle, middle[0], rtol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [{"share": 0.0}, {"share": 1.0}, {"share": np.nan}, {"mean_duration": 0.0}, {"whitened": np.zeros(2)}],
-    ids=str,
-)
-def test_what_makes_no_chain_is_refused(changed: dict[str, Array | float]) -> None:
-    columns = {name: np.ones(3) for name in ("t", "whitened", "sigma", "late_odds")}
-    good = {**columns, "loss": LATE, "share": SHARE, "mean_duration": DURATION}
-    judge_bursts(**good)
-    with pytest.raises(ValueError):
-        judge_bursts(**{**good, **changed})
+@pytest.mark.parametrize(("share", "duration"), [(0.0, 1.0), (1.0, 1.0), (np.nan, 1.0), (0.1, 0.0), (0.1, -1.0)])
+def test_what_makes_no_chain_is_refused(share: float, duration: float) -> None:
+    column = np.ones(3)
+    with pytest.raises(ValueError, match="share"):
+        judge_bursts(column, column, column, column, LATE, share, duration)
+
+
+@pytest.mark.parametrize("short", range(4))
+def test_columns_of_different_lengths_are_refused(short: int) -> None:
+    t, e, sigma, late_odds = (np.ones(2 if k == short else 3) for k in range(4))
+    with pytest.raises(ValueError, match="columns"):
+        judge_bursts(t, e, sigma, late_odds, LATE, SHARE, DURATION)

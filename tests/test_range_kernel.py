@@ -54,8 +54,8 @@ def test_a_lever_arm_turns_with_the_yaw_and_a_height_adds_up() -> None:
 
 
 def test_a_keyframe_pose_lies_within_the_frame() -> None:
-    # The keyframe is at (2, 0) turned by a quarter, so o = (1, 0) is at (2, 1) in the user's frame and, that turned by a
-    # quarter, at (-1, 2) + (10, 0) in the common one. Its height is 1 + 0.25 + 0.75.
+    # The keyframe is at (2, 0) turned by a quarter, so o = (1, 0) is at (2, 1) in the user's frame and, that turned by
+    # a quarter, at (-1, 2) + (10, 0) in the common one. Its height is 1 + 0.25 + 0.75.
     i = np.array([10.0, 0.0, np.pi / 2.0, 1.0, 2.0, 0.0, np.pi / 2.0, 0.25])
     j = np.zeros(8)
     residual, row = residual_and_row(i, np.array([1.0, 0.0, 0.75]), j, np.array([9.0, 0.0, 2.0]))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from synchronizar.arrays import Array
 from synchronizar.errors import InputError
@@ -42,7 +43,7 @@ class Answer:
         """All users in the order that the ranges count them."""
         return list(self.registration.users)
 
-    def ends(self, rows: Array) -> Array:
+    def ends(self, rows: NDArray[np.intp]) -> Array:
         """(n, 2, 3) m: where in the common frame the two devices were at some of the ranges; NaN where unknown."""
         t = self.ranges.t[rows]
         places = np.full((len(rows), 2, 3), np.nan)

@@ -54,7 +54,7 @@ def caption(answer: Answer, name: str) -> str:
         return f"{short(name)}: the reference"
     said = f"{short(name)}: {user.state}"
     if user.state is State.AMBIGUOUS:
-        said += f", {len(registration.alternatives)} placements"
+        said += f" ({len(registration.alternatives)} fit)"
     if user.covariance is None:
         return said
     sigmas, _ = axes_of(plane_covariance(user, answer.tracks[name].position[-1]))
@@ -62,4 +62,4 @@ def caption(answer: Answer, name: str) -> str:
     if user.static:
         return said
     yaw_sigma = float(np.sqrt(user.covariance[3, 3]))
-    return said + (f" ±{np.degrees(yaw_sigma):.1f}°" if yaw_sigma < HEADING_UNKNOWN else ", heading unknown")
+    return said + (f" ±{np.degrees(yaw_sigma):.1f}°" if yaw_sigma < HEADING_UNKNOWN else ", yaw unknown")

@@ -53,26 +53,17 @@ def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
     """Walks, static radios, how sure they are, and some of the ranges between them."""
     span = _frame_the_map(ax, answer)
     _draw_ranges(ax, answer)
+    for name in answer.tracks:
+        _draw_user(ax, answer, name, styles[name], span)
     for index, (name, track) in enumerate(answer.tracks.items()):
-        user, style, position = answer.registration.users[name], styles[name], track.position
-        if user.state is State.AMBIGUOUS:
-            for walk in _other_walks(answer, name):
-                _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT)
-        _draw_walk(ax, position, user, style, alpha=0.9)
-        for place in (position[0], position[-1]) if len(position) > 1 else (position[0],):
-            _draw_ellipse(ax, user, place, style, largest=span)
-        if not user.static:
-            _draw_heading(ax, user, position[0], style, ARROW * span)
-        if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
-            _draw_unseen(ax, user, position[-1], style, ARROW * span)
         dx, dy = NAME_OFFSETS[index % len(NAME_OFFSETS)]
         ax.annotate(
             short(name),
-            (position[0, 0], position[0, 1]),
+            (track.position[0, 0], track.position[0, 1]),
             xytext=(dx, dy),
             textcoords="offset points",
             ha="left" if dx > 0 else "right",
-            color=style.colour,
+            color=styles[name].colour,
             fontsize=10,
             fontweight="bold",
             path_effects=HALO,
@@ -86,10 +77,8 @@ def _frame_the_map(ax: Axes, answer: Answer) -> float:
     for name, user in answer.registration.users.items():
         if user.state is State.AMBIGUOUS:
             walks += [walk[:, :2] for walk in _other_walks(answer, name)]
-    low, high = (
-        np.min([walk.min(axis=0) for walk in walks], axis=0),
-        np.max([walk.max(axis=0) for walk in walks], axis=0),
-    )
+    corners = np.concatenate([[walk.min(axis=0), walk.max(axis=0)] for walk in walks])
+    low, high = corners.min(axis=0), corners.max(axis=0)
     middle, span = 0.5 * (low + high), max(float((high - low).max()), SMALLEST_M)
     ax.update_datalim([middle - 0.25 * span, middle + 0.25 * span])
     ax.margins(MARGIN)
@@ -124,6 +113,20 @@ def _draw_ranges(ax: Axes, answer: Answer) -> None:
         ax.add_collection(
             LineCollection(list(chosen), colors=colour, linewidths=0.6, alpha=0.4, zorder=1), autolim=False
         )
+
+
+def _draw_user(ax: Axes, answer: Answer, name: str, style: Style, span: float) -> None:
+    user, position = answer.registration.users[name], answer.tracks[name].position
+    if user.state is State.AMBIGUOUS:
+        for walk in _other_walks(answer, name):
+            _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT)
+    _draw_walk(ax, position, user, style, alpha=0.9)
+    _draw_ellipse(ax, user, position[0], style, largest=span)
+    if not user.static:
+        _draw_ellipse(ax, user, position[-1], style, largest=span)
+        _draw_heading(ax, user, position[0], style, ARROW * span)
+    if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
+        _draw_unseen(ax, user, position[-1], style, ARROW * span)
 
 
 def _draw_walk(ax: Axes, walk: Array, user: UserRegistration, style: Style, alpha: float) -> None:
