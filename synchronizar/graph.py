@@ -90,12 +90,12 @@ class RigidGraph:
             self._priors.addPriorDouble(_LEVEL, 0.0, about_level)
 
     def prior_variances(self, user: int) -> Array:
-        """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
+        """(4,) of x, y, z (m^2) and yaw (rad^2, any heading as likely), relative to the reference, before any range."""
         m = self._model
         height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
-        return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
+        return np.array([m.place_sigma**2, m.place_sigma**2, height, np.pi**2 / 3.0])
 
-    def covariances(self, values: gtsam.Values) -> Array:
+    def covariances(self, values: gtsam.Values, factors: gtsam.NonlinearFactorGraph | None = None) -> Array:
         """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), from the joint marginals.
 
         Zero for the reference, which is exact by definition; NaN for users that are not placed.
@@ -104,7 +104,7 @@ class RigidGraph:
         out[self.reference] = 0.0
         if not self.free:
             return out
-        marginals = gtsam.Marginals(self.factors(), values)
+        marginals = gtsam.Marginals(factors or self.factors(), values)
         for u in self.free:
             keys = keys_of(u).keys()
             joint = marginals.jointMarginalCovariance(keys)
@@ -172,16 +172,21 @@ class RigidGraph:
         return _join([b.block.weights(*self._ends(b, values), self._loss) for b in self.blocks])
 
     def _ends(self, b: PairBlock, values: gtsam.Values) -> tuple[UserPose, UserPose]:
-        return self._place(b.pair.i).read(values), self._place(b.pair.j).read(values)
+        return self.place(b.pair.i).read(values), self.place(b.pair.j).read(values)
 
-    def _place(self, user: int) -> UserKeys | FixedUser:
+    def place(self, user: int) -> UserKeys | FixedUser:
+        """What a factor is told of a user: its keys, or that it is the reference, which is held."""
         return FixedUser(UserPose()) if user == self.reference else keys_of(user)
+
+    def priors(self) -> gtsam.NonlinearFactorGraph:
+        """Those of places, headings and heights."""
+        return gtsam.NonlinearFactorGraph(self._priors)
 
     def factors(self, annealing: float = 1.0) -> gtsam.NonlinearFactorGraph:
         """Priors, and one factor for each pair that ranges."""
-        graph = gtsam.NonlinearFactorGraph(self._priors)
+        graph = self.priors()
         for b in self.blocks:
-            graph.add(RangeBlockFactor(self._place(b.pair.i), self._place(b.pair.j), b.block, self._loss, annealing))
+            graph.add(RangeBlockFactor(self.place(b.pair.i), self.place(b.pair.j), b.block, self._loss, annealing))
         return graph
 
     def values(self, frames: Array) -> gtsam.Values:

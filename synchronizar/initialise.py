@@ -64,7 +64,7 @@ def joint_placements(
 def _sights(samples: Samples, users: int) -> tuple[Array, Array]:
     """How well each two users (k, k) are likely to tell their placement, a rough measure for an order only.
 
-    And how far each (k,) spreads: the smaller principal 1 sigma of its places in the plane and a tenth of the larger (m).
+    And how far each (k,) spreads (m): its places' smaller principal 1 sigma in the plane and a tenth of the larger.
     """
     begin = np.array([pair.samples.start for pair in pairs(samples)])
     count = np.diff([*begin, len(samples)])

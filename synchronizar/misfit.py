@@ -25,10 +25,10 @@ def misfit(samples: Samples, frames: Array, residual: Array, weight: Array, hone
     """How the samples of one user fit frames (k, 4) x, y, z, yaw.
 
     `residual` (n,) m, measured minus predicted; `weight` (n,) 1/m^2; `honest` (n,) probability. The inflation is that
-    of a sandwich estimator with clusters (Liang and Zeger 1986): scores g = J' w r, summed over what one pair measured in
-    one piece of the recording, have the covariance of the information H if residuals are independent and as large as
-    they should be; f = sum |g|^2 in the metric of H, over its rank, is 1 then. Only what exceeds 1 by more than two of
-    its standard deviations counts.
+    of a sandwich estimator with clusters (Liang and Zeger 1986): scores g = J' w r, summed over what one pair measured
+    in one piece of the recording, have the covariance of the information H if residuals are independent and as large
+    as they should be; f = sum |g|^2 in the metric of H, over its rank, is 1 then. Only what exceeds 1 by more than two
+    of its standard deviations counts.
     """
     rows = np.flatnonzero((samples.i == user) | (samples.j == user))
     s = samples[rows.astype(np.int32)]

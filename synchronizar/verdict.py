@@ -127,7 +127,7 @@ def verdicts(
         if doubted or fit[u].rejected > model.largest_rejected:
             reason = f"{fit[u].rejected:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
             state = State.UNOBSERVABLE
-        if away[u] > model.largest_error:
+        if away[u] > model.largest_error and state is State.REGISTERED:
             state, reason, direction = State.AMBIGUOUS, f"{len(found)} placements explain the ranges", None
         said[u] = Verdict(state, reason, direction, dominated)
     return said

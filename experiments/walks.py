@@ -1,0 +1,71 @@
+"""What the experiments on simulated walks share: truth, maximum likelihood from the truth's start, and the bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from multiprocessing import Pool
+from typing import NamedTuple, TypeVar
+
+import gtsam
+import numpy as np
+
+from synchronizar._core import Squared
+from synchronizar.arrays import Array
+from synchronizar.factors import RangeBlockFactor
+from synchronizar.graph import RigidGraph, blocks_of
+from synchronizar.model import Model
+from synchronizar.samples import samples_of
+from synchronizar.simulate import Simulation
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def true_frames(simulation: Simulation, reference: str) -> Array:
+    """(k, 4) x, y, z, yaw: the true `common_from_user` of every user, the common frame being the reference's."""
+    common_from_world = simulation.world_from_user[reference].inverse()
+    frames = [common_from_world @ simulation.world_from_user[u.name] for u in simulation.recording.users]
+    return np.array([[f.x, f.y, f.z, f.yaw] for f in frames])
+
+
+def error_of(frames: Array, truth: Array) -> Array:
+    """(k, 4) frames minus truth, yaw within [-pi, pi)."""
+    error = frames - truth
+    error[:, 3] = np.remainder(error[:, 3] + np.pi, 2.0 * np.pi) - np.pi
+    return error
+
+
+class Oracle(NamedTuple):
+    """What can be known at best: late ranges left out, because the oracle knows which they are."""
+
+    error: Array
+    """(k, 4) of maximum likelihood, started at the truth, under the same model and priors."""
+    bound: Array
+    """(k, 4) 1 sigma by the Cramer-Rao bound (with the priors, so that of van Trees), at the truth."""
+
+
+def oracle(simulation: Simulation, reference: str, model: Model) -> Oracle:
+    """Gaussian maximum likelihood from the truth's start on the ranges that are not late."""
+    users = simulation.recording.users
+    samples = samples_of(simulation.recording, model)
+    samples = samples[np.flatnonzero(~simulation.late[samples.row]).astype(np.int32)]
+    truth = true_frames(simulation, reference)
+    ref = simulation.recording.index(reference)
+    rigid = RigidGraph(blocks_of(samples), users, list(range(len(users))), ref, model)
+    graph = rigid.priors()
+    for b in rigid.blocks:
+        graph.add(RangeBlockFactor(rigid.place(b.pair.i), rigid.place(b.pair.j), b.block, Squared()))
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setMaxIterations(200)
+    parameters.setAbsoluteErrorTol(1e-9)
+    parameters.setRelativeErrorTol(1e-9)
+    start = rigid.values(truth)
+    found = gtsam.LevenbergMarquardtOptimizer(graph, start, parameters).optimize()
+    variances = np.diagonal(rigid.covariances(start, graph), axis1=1, axis2=2)
+    return Oracle(error_of(rigid.frames(found), truth), np.sqrt(variances))
+
+
+def on_all_cores(work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    """The results of independent tasks, in their order."""
+    with Pool() as pool:
+        yield from pool.imap(work, tasks, chunksize=4)
