@@ -52,7 +52,7 @@ def oracle(simulation: Simulation, reference: str, model: Model) -> Oracle:
     truth = true_frames(simulation, reference)
     ref = simulation.recording.index(reference)
     rigid = RigidGraph(blocks_of(samples), users, list(range(len(users))), ref, model)
-    graph = rigid.priors()
+    graph = rigid.about(truth).priors()
     for b in rigid.blocks:
         graph.add(RangeBlockFactor(rigid.place(b.pair.i), rigid.place(b.pair.j), b.block, Squared()))
     parameters = gtsam.LevenbergMarquardtParams()

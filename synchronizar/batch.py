@@ -2,8 +2,8 @@
 
 Which ranges are late and where the users are is found in turn, each given the other (expectation maximisation), and so
 from every start that could lead elsewhere: all placements that the search finds; where signals are late, those that it
-finds in parts of the walk as well, since a part may be free of the burst that misleads the whole; and each user's
-mirror image in height, which a level walk cannot tell from the user itself.
+finds in parts of the walk as well, since a part may be free of the burst that misleads the whole; and mirror images,
+which users that walk a line, or on the level, cannot tell from themselves.
 """
 
 from __future__ import annotations
@@ -17,11 +17,13 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.graph import RigidGraph
 from synchronizar.initialise import Hypothesis, connected, joint_placements
+from synchronizar.mirrors import height_mirrors, reflections
 from synchronizar.model import Model
 from synchronizar.samples import Samples
 
 _GAIN = 5e-3  # of log likelihood, in units of 1: a step that gains less changes nothing that could be measured
 _HOPELESS = 50.0  # of log likelihood: more than further rounds may gain
+_NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
 _SAME = 0.01  # m and rad: minima that are closer are one
 _TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
 _MOST_ROUNDS = 10
@@ -62,11 +64,10 @@ def solve(
                 likely = joint_placements(part, graph.users, placed, graph.reference, model)
                 for start in likely[: model.most_followed]:
                     found.follow(start.frames)
-    best = found.best
-    sigma = np.sqrt(best.graph.covariances(best.values)[:, 2, 2])
-    for frames in [*best.graph.other_heights(best.frames, excluded), *_mirrored(samples, best)]:
-        if (np.abs(frames[:, 2] - best.frames[:, 2]) > _TOLD_APART * sigma)[graph.free].any():
-            found.follow(frames)
+    mirrored: Settled | None = None
+    while mirrored is not found.best:  # a mirror image may be better, and have images of its own
+        mirrored = found.best
+        _follow_mirrors(samples, found, mirrored, excluded)
     return sorted((s for s in found.settled if s.cost <= found.best.cost + excluded), key=_cost)
 
 
@@ -87,7 +88,7 @@ class _Minima:
 
     def follow(self, frames: Array, annealing: float = 1.0) -> None:
         """Add the minimum that `frames` (k, 4) lead to, unless it is known already, or hopelessly above the best."""
-        graph, values = self._graph, self._graph.values(frames)
+        graph, values = self._graph.about(frames), self._graph.values(frames)
         if not graph.free:
             self.settled.append(Settled(frames, 0.0, graph, values))
             return
@@ -100,11 +101,27 @@ class _Minima:
             if before - cost < _GAIN or (k > 0 and cost > hopeless):
                 break
             before = cost
-            values = _optimize(judged.factors(), values, iterations=4 if k == 0 else 20)
+            values = _optimize(judged.factors(), values, iterations=20)
             frames = graph.frames(values)
             if any(np.nanmax(np.abs(frames - known.frames)) < _SAME for known in self.settled):
                 return
         self.settled.append(Settled(graph.frames(values), cost, judged, values))
+
+
+def _follow_mirrors(samples: Samples, found: _Minima, best: Settled, excluded: float) -> None:
+    graph = best.graph
+    cost = graph.cost(best.values)
+    sigma = np.sqrt(graph.covariances(best.values)[:, 2, 2])
+    heights = graph.other_heights(best.frames, excluded)
+    for frames in height_mirrors(samples, best.frames, graph.reference):
+        if graph.cost(graph.values(frames)) < cost + _HOPELESS:
+            heights.append(frames)
+    for frames in heights:
+        if (np.abs(frames[:, 2] - best.frames[:, 2]) > _TOLD_APART * sigma)[graph.free].any():
+            found.follow(frames)
+    for frames in reflections(samples, best.frames, graph.reference):
+        if graph.cost(graph.values(frames)) < cost + _NATS_A_RANGE * len(samples):
+            found.follow(frames)
 
 
 def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
@@ -116,30 +133,6 @@ def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
         taken = random.permutation(_PIECES) < random.uniform(model.least_part, model.largest_part) * _PIECES
         if taken[piece].any():
             yield samples[taken[piece]]
-
-
-def _mirrored(samples: Samples, best: Settled) -> list[Array]:
-    """Placements (k, 4) with one user, or all of them, mirrored in height, where that is not out of the question.
-
-    With places and headings held such a placement may be no minimum (`other_heights` misses it then), and yet lead to
-    one with them free.
-    """
-    heights = best.frames[:, 2]
-    above = heights[samples.i] + samples.p_i[:, 2] - heights[samples.j] - samples.p_j[:, 2]
-    everybody = [best.graph.reference, *best.graph.free]
-    shifts = np.zeros((len(everybody) + 1, len(heights)))
-    shifts[-1] = -2.0 * heights
-    for shift, u in zip(shifts, everybody, strict=False):
-        i, j = samples.i == u, samples.j == u
-        shift[u] = -2.0 * (above[i].sum() - above[j].sum()) / max(i.sum() + j.sum(), 1)
-    out = []
-    most = best.graph.cost(best.values) + _HOPELESS
-    for shift in shifts:
-        frames = best.frames.copy()
-        frames[:, 2] += shift - shift[best.graph.reference]
-        if best.graph.cost(best.graph.values(frames)) < most:
-            out.append(frames)
-    return out
 
 
 def _optimize(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int) -> gtsam.Values:

@@ -64,7 +64,8 @@ class RigidGraph:
     """The paper's own model, all users at once: SLAM is trusted, a frame and a height per user are the unknowns.
 
     The reference's frame is the common one. Heights have their prior: all origins lie about one level. Places and
-    headings have one so wide that it says nothing, but keeps the system solvable where the ranges do not.
+    headings have one about where the search put them, so wide that it says nothing, but keeps the system solvable where
+    the ranges do not.
     """
 
     def __init__(
@@ -77,23 +78,35 @@ class RigidGraph:
         self.blocks = blocks
         self._model = model
         self._loss = late_loss(model)
-        self._priors = gtsam.NonlinearFactorGraph()
-        wide = gtsam.noiseModel.Diagonal.Sigmas(np.array([model.place_sigma, model.place_sigma, model.yaw_sigma]))
         # Every origin lies about one level, which is not known either: two that are alike lie one height_sigma apart.
         self._from_level = np.array([height_sigma_of(user, model) for user in users]) / np.sqrt(2.0)
+        self._priors = self._priors_about(np.zeros((len(users), 4)))
+
+    def about(self, frames: Array) -> RigidGraph:
+        """The same graph, the wide priors of places and headings centred on frames (k, 4)."""
+        out = copy(self)
+        out._priors = self._priors_about(frames)
+        return out
+
+    def _priors_about(self, frames: Array) -> gtsam.NonlinearFactorGraph:
+        m = self._model
+        priors = gtsam.NonlinearFactorGraph()
+        wide = gtsam.noiseModel.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, m.yaw_sigma]))
         for u in self.free:
-            self._priors.addPriorPose2(keys_of(u).frame, gtsam.Pose2(), wide)
+            x, y, _, yaw = frames[u].tolist()
+            priors.addPriorPose2(keys_of(u).frame, gtsam.Pose2(x, y, yaw), wide)
             about_level = gtsam.noiseModel.Isotropic.Sigma(1, self._from_level[u])
-            self._priors.add(gtsam.BetweenFactorDouble(_LEVEL, keys_of(u).height, 0.0, about_level))
+            priors.add(gtsam.BetweenFactorDouble(_LEVEL, keys_of(u).height, 0.0, about_level))
         if self.free:
-            about_level = gtsam.noiseModel.Isotropic.Sigma(1, self._from_level[reference])
-            self._priors.addPriorDouble(_LEVEL, 0.0, about_level)
+            about_level = gtsam.noiseModel.Isotropic.Sigma(1, self._from_level[self.reference])
+            priors.addPriorDouble(_LEVEL, 0.0, about_level)
+        return priors
 
     def prior_variances(self, user: int) -> Array:
-        """(4,) of x, y, z (m^2) and yaw (rad^2, any heading as likely), relative to the reference, before any range."""
+        """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
         m = self._model
         height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
-        return np.array([m.place_sigma**2, m.place_sigma**2, height, np.pi**2 / 3.0])
+        return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
 
     def covariances(self, values: gtsam.Values, factors: gtsam.NonlinearFactorGraph | None = None) -> Array:
         """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), from the joint marginals.

@@ -42,10 +42,10 @@ class Model:
     """How far a SLAM origin may lie above or below the others', 1 sigma: people start it in their hands."""
     static_height_sigma: float = 3.0
     """The same of a radio that stands still: on the floor, on a shelf, under the roof."""
-    place_sigma: float = 1000.0
-    """How far off a frame may lie: wide enough to say nothing, it keeps the graph solvable."""
-    yaw_sigma: float = 100.0
-    """The same of its heading."""
+    place_sigma: float = 100.0
+    """How far from where the search put it a frame may lie: it says nothing, but keeps the graph solvable."""
+    yaw_sigma: float = 1.8
+    """The same of its heading: that of any heading being as likely, pi / sqrt(3)."""
     moving: float = 0.5
     """The first user by name that moves more than this is the reference."""
 

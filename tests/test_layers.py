@@ -30,6 +30,7 @@ FLOORS = (
     {"factors"},
     {"graph"},
     {"initialise"},
+    {"mirrors"},
     {"batch"},
     {"misfit"},
     {"verdict"},

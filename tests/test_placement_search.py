@@ -197,26 +197,29 @@ def test_the_yaws_of_a_user_that_stands_still_are_one_placement() -> None:
             assert np.linalg.norm(places[a] - places[b]) > 0.5 * APART
 
 
-def level_walk_and_radio() -> Scene:
-    """Somebody wanders on the level, 1.2 m up, and a radio stands at 2.6 m."""
+def level_walk_and_radio(height: float) -> Scene:
+    """Somebody wanders on the level, 1.2 m up, and a radio stands still."""
     known = wander(np.random.default_rng(6), 100)
     known[:, 2] = 1.2
-    return Scene(known, np.zeros((100, 3)), np.array([4.0, -2.0, 2.6, 0.0]))
+    return Scene(known, np.zeros((100, 3)), np.array([4.0, -2.0, height, 0.0]))
 
 
-def test_a_static_radio_is_found_and_so_is_its_mirror_image_in_height() -> None:
-    found = search(level_walk_and_radio(), height_sigma=3.0, has_yaw=False)
+@pytest.mark.parametrize("height", [2.6, -0.2, -3.0])
+def test_a_static_radio_is_found_and_so_is_its_mirror_image_in_height(height: float) -> None:
+    found = search(level_walk_and_radio(height), height_sigma=3.0, has_yaw=False)
     np.testing.assert_array_equal(found[:, 3], 0.0)
-    for z in (2.6, 2.0 * 1.2 - 2.6):
-        off = np.linalg.norm(found[:, :3] - [4.0, -2.0, z], axis=1)
+    mirrored = 2.0 * 1.2 - height
+    for z in (height, mirrored):
+        off = np.linalg.norm(found[:2, :3] - [4.0, -2.0, z], axis=1)
         assert off.min() < 2e-2  # the prior pulls a little
     # Nothing but the prior tells the two apart.
     assert abs(found[0, 2]) < abs(found[1, 2])
-    assert found[1, 4] - found[0, 4] == pytest.approx((2.6**2 - 0.2**2) / (2.0 * 3.0**2), abs=1e-2)
+    prior_ratio = abs(height**2 - mirrored**2) / (2.0 * 3.0**2)
+    assert found[1, 4] - found[0, 4] == pytest.approx(prior_ratio, abs=2e-2)
 
 
 def test_a_walk_over_stairs_tells_a_radio_from_its_mirror_image() -> None:
-    scene = level_walk_and_radio()
+    scene = level_walk_and_radio(2.6)
     scene.known[:, 2] = np.linspace(1.2, 4.0, 100)
     found = search(scene, height_sigma=3.0, has_yaw=False)
     np.testing.assert_allclose(found[0, :3], scene.truth[:3], atol=2e-2)
@@ -279,7 +282,7 @@ def test_the_same_ranges_give_the_same_answer() -> None:
 def test_candidates_and_costs_are_limited_as_asked() -> None:
     scene = Scene(np.array([[1.0, 2.0, 1.2]]), np.array([[0.5, 0.0, 1.2]]), np.array([4.0, 6.0, 0.0, 1.0]))
     assert len(search(scene, most_candidates=3)) <= 3
-    radio = level_walk_and_radio()  # whose mirror image costs 0.37 more
+    radio = level_walk_and_radio(2.6)  # whose mirror image costs 0.37 more
     assert len(search(radio, height_sigma=3.0, has_yaw=False, most_cost_above=0.1)) == 1
     assert len(search(radio, height_sigma=3.0, has_yaw=False, most_cost_above=1.0)) == 2
 

@@ -142,10 +142,13 @@ void antennas_that_coincide_are_no_trouble() {
 void placements_come_best_first_at_their_true_cost_and_the_same_each_time() {
   std::mt19937 random(4);
   std::normal_distribution<double> noise(0.0, 0.1);
-  Scene scene(wander(random), all_at(1.0, 0.0, 1.2), {2.0, -3.0, 0.05, 1.0, 0.0});
+  Points known = wander(random);
+  known.col(2) = Column::LinSpaced(100, 1.2, 4.0);  // up a stair, so that the height is seen
+  Scene scene(known, all_at(1.0, 0.0, 1.2), {2.0, -3.0, 0.3, 1.0, 0.0});
   for (double& d : scene.measured) d += noise(random);
   const auto found = scene.search(kPeople), again = scene.search(kPeople);
   CHECK(found.size() == again.size());
+  CHECK(found[0].z > 0.05);
   for (size_t k = 0; k < found.size(); ++k) {
     CHECK_NEAR(found[k].cost, scene.cost(found[k], kPeople), 1e-9);
     CHECK(k == 0 || found[k - 1].cost <= found[k].cost);
