@@ -6,6 +6,8 @@
 #include <nanobind/stl/variant.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
+#include <cmath>
 #include <tuple>
 #include <utility>
 
@@ -35,8 +37,13 @@ void check_ranges(const Points& i, const Points& j, const Column& measured, cons
   require((late_odds.array() >= 0.0).all() && late_odds.allFinite(), "late_odds must not be negative");
 }
 
+double positive(double parameter) {
+  require(parameter > 0.0 && std::isfinite(parameter), "a loss's scale must be positive");
+  return parameter;
+}
+
 Loss make_loss(const LossKind& kind, double annealing) {
-  require(annealing >= 1.0, "annealing must be at least 1");
+  require(annealing >= 1.0 && std::isfinite(annealing), "annealing must be at least 1");
   return {kind, annealing};
 }
 
@@ -64,16 +71,22 @@ NB_MODULE(_core, m) {
   squared.def(nb::init<>());
   bind_loss(squared);
   nb::class_<Huber> huber(m, "Huber");
-  huber.def(nb::init<double>(), "k"_a = Huber{}.k).def_ro("k", &Huber::k);
+  huber.def(nb::new_([](double k) { return Huber{positive(k)}; }), "k"_a = Huber{}.k).def_ro("k", &Huber::k);
   bind_loss(huber);
   nb::class_<Cauchy> cauchy(m, "Cauchy");
-  cauchy.def(nb::init<double>(), "k"_a = Cauchy{}.k).def_ro("k", &Cauchy::k);
+  cauchy.def(nb::new_([](double k) { return Cauchy{positive(k)}; }), "k"_a = Cauchy{}.k)
+      .def_ro("k", &Cauchy::k);
   bind_loss(cauchy);
   nb::class_<GemanMcClure> geman_mcclure(m, "GemanMcClure");
-  geman_mcclure.def(nb::init<double>(), "k"_a = GemanMcClure{}.k).def_ro("k", &GemanMcClure::k);
+  geman_mcclure.def(nb::new_([](double k) { return GemanMcClure{positive(k)}; }), "k"_a = GemanMcClure{}.k)
+      .def_ro("k", &GemanMcClure::k);
   bind_loss(geman_mcclure);
   nb::class_<Late> late(m, "Late");
-  late.def(nb::init<double, double>(), "scale"_a, "early_odds"_a)
+  late.def(nb::new_([](double scale, double early_odds) {
+             require(early_odds >= 0.0, "early_odds must not be negative");
+             return Late{positive(scale), early_odds};
+           }),
+           "scale"_a, "early_odds"_a)
       .def_ro("scale", &Late::scale)
       .def_ro("early_odds", &Late::early_odds);
   bind_loss(late);
@@ -122,6 +135,10 @@ NB_MODULE(_core, m) {
         const auto n = t.size();
         require(whitened.size() == n && sigma.size() == n && late_odds.size() == n,
                 "all columns must be (n,)");
+        require(whitened.allFinite() && late_odds.allFinite() && (late_odds.array() >= 0.0).all(),
+                "residuals must be finite, odds not negative");
+        require((sigma.array() > 0.0).all() && sigma.allFinite(), "sigma must be positive");
+        require(std::is_sorted(t.begin(), t.end()) && t.allFinite(), "t must be finite and sorted");
         require(0.0 < share && share < 1.0 && mean_duration > 0.0,
                 "share must be in (0, 1), mean_duration positive");
         const ChainVerdict verdict =
@@ -176,6 +193,7 @@ NB_MODULE(_core, m) {
          int most_candidates, int most_ranges, double most_cost_above) {
         check_ranges(known, own, measured, sigma, late_odds);
         require(height_sigma > 0.0, "height_sigma must be positive");
+        require(apart >= 0.0 && most_cost_above >= 0.0, "apart and most_cost_above must not be negative");
         require(most_candidates > 0 && most_ranges > 0, "most_candidates and most_ranges must be positive");
         const auto found = search_placements(
             known, own, measured, sigma, late_odds,

@@ -102,11 +102,12 @@ ChainVerdict judge_bursts(const Column& t, const Column& whitened, const Column&
   Lengths after_late = Lengths::Ones();
   for (Eigen::Index k = n - 1; k >= 0; --k) {
     const Emission here = emission(k);
-    const double is_honest = static_cast<double>(ahead(0, k)) * here.honest * after_honest;
+    // What is honest by its neighbours alone: its own residual is for the loss to judge.
+    const double is_honest = static_cast<double>(ahead(0, k)) * after_honest;
     const double is_late = (ahead.col(k).tail<kLengths>() * here.late * after_late).sum();
     const double s2 = std::pow(sigma[k] / loss.scale, 2), e = whitened[k];
     const double late_by_loss = loss.background(-1.0, {sigma[k], 1.0}) / (1.0 + e * e * s2);
-    const double odds = is_late / std::max(is_honest, 1e-30) * std::exp(-0.5 * e * e) / late_by_loss;
+    const double odds = is_late / std::max(is_honest, 1e-30) / late_by_loss;
     out.late_odds[k] = std::clamp(odds, kLeast, 1.0 / kLeast);
     if (k == 0) break;
     const Step s = step(k);

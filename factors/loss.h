@@ -72,6 +72,7 @@ struct Late {
 
   LossValue operator()(double e, const RangeTraits& range) const {
     const double a = background(e, range);
+    if (a == 0.0) return Squared{}(e, range);  // the mixture is the honest density, which underflows far out
     const double s2 = range.sigma * range.sigma / (scale * scale);
     const double tail = 1.0 / (1.0 + e * e * s2);
     const double honest = std::exp(-0.5 * e * e);
@@ -86,6 +87,7 @@ struct Late {
   double honest(double e, const RangeTraits& range) const {
     const double s = range.sigma / scale;
     const double odd = background(e, range) / (1.0 + e * e * s * s);
+    if (odd == 0.0) return 1.0;
     const double density = std::exp(-0.5 * e * e);
     return density / (density + odd);
   }

@@ -102,7 +102,7 @@ class RangeFactor(gtsam.CustomFactor):
             residual, row = range_residual(i.read(values), o_i, j.read(values), o_j, measured)
             if jacobians is not None:
                 for k, which in enumerate(columns):
-                    jacobians[k] = row[:, which]
+                    jacobians[k] = row[None, which]
             return np.array([residual])
 
         super().__init__(noise_model, i.keys() + j.keys(), error)
