@@ -1,10 +1,10 @@
 """Whether the word `registered` can be trusted, and whether it is said when it could be.
 
-`python -m experiments.verdicts [--scenes 300] [--walks 200]`: scenes of many kinds, hard ones (2 to 4 s, lines, users that
-stand still, half of the ranges late, chains and stars, static radios) and easy ones mixed, count users that are called
-`registered` and are off; free walks of 8 s count users whom maximum likelihood from the truth's start places within
-0.15 m and who are not called so. Off is how far the worst point of the user's own walk (a static radio: its place) is
-from where it should be, in three dimensions.
+`python -m experiments.verdicts [--scenes 300] [--walks 200]`: scenes of many kinds, hard ones (2 to 4 s, lines, users
+that stand still, half of the ranges late, chains and stars, static radios) and easy ones mixed, count users that are
+called `registered` and are off; free walks of 8 s count users whom maximum likelihood from the truth's start places
+within 0.15 m and who are not called so. Off is how far the worst point of the user's own walk (a static radio: its
+place) is from where it should be, in three dimensions.
 """
 
 from __future__ import annotations
@@ -119,9 +119,8 @@ def main() -> None:
     print(write_table("verdicts", [_row(kind, judged) for kind in (*KINDS, "all")], vars(options)))
     for v in judged:
         if v.state is State.REGISTERED and v.off > OFF:
-            print(
-                f"registered and off: {v.kind} scene {v.seed}, {v.user}: {v.off:.2f} m, in the plane {v.off_plane:.2f} m"
-            )
+            off = f"{v.off:.2f} m, in the plane {v.off_plane:.2f} m"
+            print(f"registered and off: {v.kind} scene {v.seed}, {v.user}: {off}")
     rows = []
     for late in (0.0, 0.3):
         for users in (2, 4, 6):

@@ -13,10 +13,11 @@ from synchronizar.geometry import YawFrame
 from synchronizar.graph import RigidGraph, blocks_of
 from synchronizar.initialise import connected, joint_placements
 from synchronizar.model import Model
+from synchronizar.placement import Placement, fits, placements
 from synchronizar.recording import Recording
 from synchronizar.registration import Alternative, RangeVerdicts, Registration, State, UserRegistration
 from synchronizar.samples import Samples, samples_of
-from synchronizar.verdict import Placement, Verdict, fits, placements, verdicts
+from synchronizar.verdict import Verdict, verdicts
 
 
 def register(recording: Recording, reference: str | None = None, model: Model | None = None) -> Registration:

@@ -33,6 +33,7 @@ FLOORS = (
     {"mirrors"},
     {"batch"},
     {"misfit"},
+    {"placement"},
     {"verdict"},
     {"pipeline"},
     {"__init__"},
