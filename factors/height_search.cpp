@@ -9,8 +9,9 @@ namespace {
 
 using std::size_t;
 
-constexpr double kStep = 0.05;  // m, of the tables
-constexpr double kReach = 4.0;  // sigmas of the prior that a height is sought within
+constexpr double kFinest = 0.05;  // m, the tables' step
+constexpr int kMostSteps = 400;   // to either side of a height; where more would be needed the step is larger
+constexpr double kReach = 4.0;    // sigmas of the prior that a height is sought within
 constexpr int kStarts = 64;
 constexpr int kMostSweeps = 50;
 constexpr int kMostRanges = 64;  // of a pair that its table looks at; the others are taken to say the same
@@ -22,9 +23,15 @@ struct Table {
   Column cost;
 };
 
-int steps_of(const HeightUser& user) {
-  const double reach = user.free ? kReach * user.sigma : std::abs(user.pose.frame_height);
-  return static_cast<int>(std::ceil(reach / kStep));
+double reach_of(const HeightUser& user) {
+  return user.free ? std::max(kReach * user.sigma, std::abs(user.pose.frame_height))
+                   : std::abs(user.pose.frame_height);
+}
+
+double step_of(const std::vector<HeightUser>& users) {
+  double reach = 0.0;
+  for (const HeightUser& user : users) reach = std::max(reach, user.present ? reach_of(user) : 0.0);
+  return std::max(kFinest, reach / kMostSteps);
 }
 
 // Heights in steps, and the level that is the most likely at them.
@@ -35,11 +42,14 @@ struct State {
 
 struct Problem {
   const std::vector<HeightUser>& users;
+  double step_length;  // m
   std::vector<Table> tables;
   std::vector<std::vector<size_t>> tables_of;  // of each user
 
+  int steps_of(size_t user) const { return static_cast<int>(std::ceil(reach_of(users[user]) / step_length)); }
+
   double prior(size_t user, int step, double level) const {
-    return users[user].present ? 0.5 * std::pow((kStep * step - level) / users[user].sigma, 2) : 0.0;
+    return users[user].present ? 0.5 * std::pow((step_length * step - level) / users[user].sigma, 2) : 0.0;
   }
 
   double level(const std::vector<int>& at) const {
@@ -47,7 +57,7 @@ struct Problem {
     for (size_t u = 0; u < users.size(); ++u) {
       if (!users[u].present) continue;
       const double weight = 1.0 / (users[u].sigma * users[u].sigma);
-      sum += weight * kStep * at[u];
+      sum += weight * step_length * at[u];
       weights += weight;
     }
     return weights > 0.0 ? sum / weights : 0.0;
@@ -80,7 +90,7 @@ struct Problem {
       moved = false;
       for (size_t u = 0; u < users.size(); ++u) {
         if (!users[u].free) continue;
-        const int reach = steps_of(users[u]);
+        const int reach = steps_of(u);
         int best = state.at[u];
         double least = cost_at(u, best, state);
         for (int step = -reach; step <= reach; ++step) {
@@ -103,20 +113,20 @@ struct Problem {
 std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
                                     const std::vector<HeightPair>& pairs, const LossKind& loss,
                                     double most_above, int most) {
-  Problem p{users, {}, std::vector<std::vector<size_t>>(users.size())};
+  Problem p{users, step_of(users), {}, std::vector<std::vector<size_t>>(users.size())};
   for (const HeightPair& pair : pairs) {
     const auto i = static_cast<size_t>(pair.i), j = static_cast<size_t>(pair.j);
-    const int zero = steps_of(users[i]) + steps_of(users[j]);
+    const int zero = p.steps_of(i) + p.steps_of(j);
     p.tables_of[i].push_back(p.tables.size());
     p.tables_of[j].push_back(p.tables.size());
     p.tables.push_back(
         {pair.i, pair.j, zero,
-         pair.block->height_profile(users[i].pose, users[j].pose, loss, kStep, zero, kMostRanges)});
+         pair.block->height_profile(users[i].pose, users[j].pose, loss, p.step_length, zero, kMostRanges)});
   }
 
   const auto nearest = [&](size_t u, double height) {
-    const int reach = steps_of(users[u]);
-    return std::clamp(static_cast<int>(std::lround(height / kStep)), -reach, reach);
+    const int reach = p.steps_of(u);
+    return std::clamp(static_cast<int>(std::lround(height / p.step_length)), -reach, reach);
   };
   std::mt19937 random(1);  // a fixed draw: the same ranges give the same answer
   std::vector<State> minima;
@@ -137,7 +147,7 @@ std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
   for (const State& state : minima) {
     Heights heights{Column(static_cast<Eigen::Index>(users.size())), p.cost(state)};
     for (size_t u = 0; u < users.size(); ++u)
-      heights.height[static_cast<Eigen::Index>(u)] = kStep * state.at[u];
+      heights.height[static_cast<Eigen::Index>(u)] = p.step_length * state.at[u];
     found.push_back(std::move(heights));
   }
   std::sort(found.begin(), found.end(), [](const Heights& a, const Heights& b) { return a.cost < b.cost; });

@@ -61,8 +61,8 @@ struct GemanMcClure {
 // the cost is the negative logarithm of the mixture over its value at 0,
 //   rho = -log((exp(-e^2 / 2) + a / (1 + (e sigma / scale)^2)) / (1 + a)),   a by the sign of e.
 struct Late {
-  double scale = 1.0;         // m
-  double early_odds = 0.002;  // P(garbage that is too short) / P(honest)
+  double scale;       // m
+  double early_odds;  // P(garbage that is too short) / P(honest)
 
   // The ratio of both densities at e = 0.
   double background(double e, const RangeTraits& range) const {

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
+#include <cstdint>
 #include <random>
 
 namespace synchronizar {
@@ -18,6 +18,7 @@ constexpr int kCoarseRanges = 64;     // ranges that score a point of the grid
 constexpr int kPairs = 32;            // pairs of ranges that meet, at each yaw and height
 constexpr int kBestOfYaw = 4;         // points that a yaw and height hand on
 constexpr int kCorners = 8;           // antennas by which two placements are told apart
+constexpr int kMostHeights = 40;      // to either side
 constexpr double kHeightStep = 0.75;  // m, of the grid over heights that the prior leaves open
 
 constexpr double kWide = 8.0;  // sigmas: the scale of the first refinement's loss
@@ -41,7 +42,7 @@ std::vector<int> even_selection(int of, int at_most) {
   const int n = std::min(of, at_most);
   std::vector<int> out(static_cast<size_t>(n));
   for (int k = 0; k < n; ++k) {
-    out[static_cast<size_t>(k)] = static_cast<int>((2L * k + 1) * of / (2L * n));
+    out[static_cast<size_t>(k)] = static_cast<int>((2 * std::int64_t{k} + 1) * of / (2 * std::int64_t{n}));
   }
   return out;
 }
@@ -151,12 +152,13 @@ struct Coarse {
 };
 
 // The heights that the prior leaves open, from the most likely outwards.
-std::vector<double> heights(double sigma) {
+std::vector<double> heights(double sigma, double longest_range) {
   std::vector<double> out{0.0};
-  const int steps = static_cast<int>(2.0 * sigma / kHeightStep);
-  for (int k = 1; k <= steps; ++k) {
-    out.push_back(kHeightStep * k);
-    out.push_back(-kHeightStep * k);
+  const double reach = std::min(2.0 * sigma, longest_range);
+  const double step = std::max(kHeightStep, reach / kMostHeights);
+  for (int k = 1; k <= static_cast<int>(reach / step); ++k) {
+    out.push_back(step * k);
+    out.push_back(-step * k);
   }
   return out;
 }
@@ -183,11 +185,12 @@ std::vector<Scored> search_grid(const Problem& p, const Points& corners) {
     pair[1] = static_cast<int>(random() % static_cast<unsigned>(n));
   }
 
+  const std::vector<double> open_heights = heights(p.options.height_sigma, p.measured.maxCoeff());
   std::vector<Scored> found, here;
   for (int k = 0; k < yaws; ++k) {
     const double yaw = 2.0 * kPi * k / yaws - kPi * (p.options.has_yaw ? 1.0 : 0.0);
     ranges.set_yaw(yaw);
-    for (const double z : heights(p.options.height_sigma)) {
+    for (const double z : open_heights) {
       ranges.set_height(z);
       here.clear();
       for (int m = 0; m < kPairs; ++m) {

@@ -21,13 +21,13 @@
 namespace synchronizar {
 
 struct SearchOptions {
-  double height_sigma;            // m, of the user's origin about 0
-  bool has_yaw;                   // false for a radio whose only point is its origin
-  Late loss;                      // what the ranges' errors are like
-  double apart;                   // m: placements that move no antenna by more are the same
-  int most_candidates = 16;       // refined ones
-  int most_ranges = 128;          // beyond, an even selection is searched; the cost is always that of all
-  double most_cost_above = 30.0;  // candidates whose cost is that much above the best one's are left out
+  double height_sigma;     // m, of the user's origin about 0
+  bool has_yaw;            // false for a radio whose only point is its origin
+  Late loss;               // what the ranges' errors are like
+  double apart;            // m: placements that move no antenna by more are the same
+  int most_candidates;     // refined ones
+  int most_ranges;         // beyond, an even selection is searched; the cost is always that of all
+  double most_cost_above;  // candidates whose cost is that much above the best one's are left out
 };
 
 struct Placement {

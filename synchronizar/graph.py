@@ -117,16 +117,23 @@ class RigidGraph:
         out[self.reference] = 0.0
         if not self.free:
             return out
-        marginals = gtsam.Marginals(factors or self.factors(), values)
+        ordering = gtsam.Ordering()
         for u in self.free:
-            keys = keys_of(u).keys()
-            joint = marginals.jointMarginalCovariance(keys)
-            body = np.block([[joint.at(a, b) for b in keys] for a in keys])
+            ordering.push_back(keys_of(u).frame)
+            ordering.push_back(keys_of(u).height)
+        ordering.push_back(_LEVEL)
+        jacobian, _ = (factors or self.factors()).linearize(values).jacobian(ordering)
+        # gtsam.Marginals factorises the normal equations as they are, and gives up where headings are hardly seen.
+        # Columns of unit length, and a QR that never squares them, do not.
+        scale = np.linalg.norm(jacobian, axis=0)
+        root = np.linalg.inv(np.linalg.qr(jacobian / scale, mode="r")) / scale[:, None]
+        for k, u in enumerate(self.free):
+            rows = root[4 * k : 4 * k + 4]
             # Pose2's tangent is (v in its own axes, yaw), then the height: turned and put in order.
-            yaw = values.atPose2(keys[0]).theta()
+            yaw = values.atPose2(keys_of(u).frame).theta()
             c, s = np.cos(yaw), np.sin(yaw)
             common_from_body = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]])
-            out[u] = common_from_body @ body @ common_from_body.T
+            out[u] = common_from_body @ rows @ rows.T @ common_from_body.T
         return out
 
     def with_bursts(self, values: gtsam.Values) -> tuple[RigidGraph, float]:

@@ -8,15 +8,17 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.batch import Settled, solve
+from synchronizar.centre import about_origins, centred, errors_about_origins, middles
 from synchronizar.errors import InputError
 from synchronizar.geometry import YawFrame
 from synchronizar.graph import RigidGraph, blocks_of
 from synchronizar.initialise import connected, joint_placements
 from synchronizar.model import Model
-from synchronizar.placement import Placement, fits, placements
+from synchronizar.placement import fits, placements
 from synchronizar.recording import Recording
 from synchronizar.registration import Alternative, RangeVerdicts, Registration, State, UserRegistration
 from synchronizar.samples import Samples, samples_of
+from synchronizar.user import User
 from synchronizar.verdict import Verdict, verdicts
 
 
@@ -33,20 +35,27 @@ def register(recording: Recording, reference: str | None = None, model: Model | 
     samples = samples_of(recording, model)
     placed = connected(samples, len(users), ref)
     samples = samples[np.isin(samples.i, placed)]
+    middle = middles(samples, len(users))
+    samples = centred(samples, middle)
     graph = RigidGraph(blocks_of(samples), users, placed, ref, model)
     starts = joint_placements(samples, users, placed, ref, model)
     searched = perf_counter()
     settled = solve(samples, graph, placed, starts, model)
-    corners = _corners(recording)
+    corners = _corners(recording) - middle[:, None]
     fit = fits(settled[0], samples)
     found = placements(settled, fit, corners, model)
     said = verdicts(found, fit, graph, corners, model)
+    errors = errors_about_origins(found[0].frames, middle)
+    covariances = errors @ found[0].covariances @ errors.transpose(0, 2, 1)
+    frames = [about_origins(placement.frames, middle, ref) for placement in found]
     return Registration(
         reference=users[ref].name,
         model="rigid",
         method="joint",
-        users={user.name: _user(recording, found[0], said[u], u) for u, user in enumerate(users)},
-        alternatives=_alternatives(recording, found),
+        users={
+            user.name: _user(user, frames[0][u], covariances[u], said[u], errors[u]) for u, user in enumerate(users)
+        },
+        alternatives=_alternatives(recording, [placement.cost for placement in found], frames),
         ranges=_range_verdicts(recording, samples, settled[0]),
         seconds={"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched},
     )
@@ -80,43 +89,40 @@ def _corners(recording: Recording) -> Array:
     return corners
 
 
-def _frame(frames: Array, user: int) -> YawFrame:
-    return YawFrame(*(float(v) for v in frames[user]))
-
-
-def _user(recording: Recording, best: Placement, said: Verdict | None, user: int) -> UserRegistration:
-    name, static = recording.users[user].name, recording.users[user].static
+def _user(user: User, frame: Array, covariance: Array, said: Verdict | None, error: Array) -> UserRegistration:
+    """`error` (4, 4) turns the verdict's unseen direction into that of the frame about its origin."""
     if said is None:
         reason = "no chain of ranges ties it to the reference"
-        return UserRegistration(name, State.DISCONNECTED, reason, None, None, static)
-    covariance = best.covariances[user].copy()
-    if static:
+        return UserRegistration(user.name, State.DISCONNECTED, reason, None, None, user.static)
+    if user.static:
+        covariance = covariance.copy()
         covariance[3, :] = covariance[:, 3] = np.nan
+    unseen = None if said.unseen_direction is None else error @ said.unseen_direction
     return UserRegistration(
-        name,
+        user.name,
         said.state,
         said.reason,
-        _frame(best.frames, user),
+        YawFrame(*frame.tolist()),
         covariance,
-        static,
-        said.unseen_direction,
+        user.static,
+        None if unseen is None else unseen / np.linalg.norm(unseen),
         said.prior_dominated,
     )
 
 
-def _alternatives(recording: Recording, found: list[Placement]) -> tuple[Alternative, ...]:
-    if len(found) < 2:
+def _alternatives(recording: Recording, costs: list[float], frames: list[Array]) -> tuple[Alternative, ...]:
+    if len(frames) < 2:
         return ()
     return tuple(
         Alternative(
-            placement.cost - found[0].cost,
+            cost - costs[0],
             {
-                user.name: _frame(placement.frames, u)
-                for u, user in enumerate(recording.users)
-                if not np.isnan(placement.frames[u, 0])
+                user.name: YawFrame(*frame.tolist())
+                for user, frame in zip(recording.users, of_all, strict=True)
+                if not np.isnan(frame[0])
             },
         )
-        for placement in found
+        for cost, of_all in zip(costs, frames, strict=True)
     )
 
 

@@ -66,8 +66,8 @@ def cost_of(heights: Array, pairs: Pairs, sigma: Array | float = SIGMA) -> float
     """By definition: all losses, and half the squared distances to the likeliest level over their variances."""
     losses = 0.0
     for i, j, block in pairs:
-        at = [UserPose(frame_height=float(heights[u])) for u in (i, j)]
-        losses += block.cost(*at, LATE)
+        pose_i, pose_j = (UserPose(frame_height=float(heights[u])) for u in (i, j))
+        losses += block.cost(pose_i, pose_j, LATE)
     weight = np.broadcast_to(np.asarray(sigma, dtype=float), heights.shape) ** -2.0
     level = weight @ heights / weight.sum()
     return float(losses + 0.5 * weight @ (heights - level) ** 2)
@@ -75,7 +75,7 @@ def cost_of(heights: Array, pairs: Pairs, sigma: Array | float = SIGMA) -> float
 
 def grid(sigma: float = SIGMA) -> Array:
     most = int(np.ceil(REACH * sigma / STEP))
-    return STEP * np.arange(-most, most + 1)
+    return np.asarray(STEP * np.arange(-most, most + 1.0))
 
 
 @given(seed=seeds, bob=st.sampled_from([0.0, 0.1, 0.3]))

@@ -25,6 +25,7 @@ FLOORS = (
     {"simulate"},
     {"model"},
     {"samples"},
+    {"centre"},
     {"registration"},
     {"_core"},
     {"factors"},

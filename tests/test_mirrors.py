@@ -13,6 +13,8 @@ from synchronizar.samples import Samples, samples_of
 from synchronizar.simulate import Scene, simulate
 
 seeds = st.integers(0, 2**31 - 1)
+walks_of = st.sampled_from(["line", "free"])
+linkings = st.sampled_from(["all", "star", "chain"])
 few = settings(derandomize=True, deadline=None, max_examples=25)
 
 
@@ -23,7 +25,7 @@ def walks(users: int, seed: int, walk: str, links: str = "all", height_bob: floa
     return samples_of(simulation.recording, Model()), true_frames(simulation, "phone0")
 
 
-@given(users=st.integers(2, 5), seed=seeds, walk=st.sampled_from(["line", "free"]), links=st.sampled_from(["all", "star", "chain"]))
+@given(users=st.integers(2, 5), seed=seeds, walk=walks_of, links=linkings)
 @few
 def test_a_reflection_applied_twice_gives_the_start_back(users: int, seed: int, walk: str, links: str) -> None:
     samples, frames = walks(users, seed, walk, links)
@@ -33,7 +35,7 @@ def test_a_reflection_applied_twice_gives_the_start_back(users: int, seed: int, 
         np.testing.assert_allclose(difference(reflections(samples, image, 0)[k], frames), 0.0, atol=1e-9)
 
 
-@given(users=st.integers(2, 5), seed=seeds, links=st.sampled_from(["all", "star", "chain"]))
+@given(users=st.integers(2, 5), seed=seeds, links=linkings)
 @few
 def test_reflections_keep_all_distances_between_walkers_of_lines(users: int, seed: int, links: str) -> None:
     samples, frames = walks(users, seed, "line", links)

@@ -84,7 +84,7 @@ def by_definition(samples: Samples, frames: Array, residual: Array, weight: floa
             key = (i, j, piece)
             scores[key] = scores.get(key, np.zeros(4)) + weight * residual[n] * jacobian[n]
     f = sum(float(g @ np.linalg.solve(information, g)) for g in scores.values()) / 4.0
-    return max(1.0, f / (1.0 + 2.0 * np.sqrt(2.0 / (4.0 * len(scores)))))
+    return max(1.0, f / float(1.0 + 2.0 * np.sqrt(2.0 / (4.0 * len(scores)))))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from solver_scenes import LEVEL, recording_of, track_of
 
-from synchronizar.arrays import Array, Indices
+from synchronizar.arrays import Array
 from synchronizar.model import Model
 from synchronizar.recording import Recording
 from synchronizar.samples import Samples, pairs, samples_of
@@ -26,8 +26,8 @@ WALKS = {
 Row = tuple[float, str, str, float]
 
 
-def samples(rows: list[Row], **columns: Array | Indices) -> Samples:
-    return samples_of(recording_of(WALKS, rows, **columns), MODEL)
+def samples(rows: list[Row], **columns: Array) -> Samples:
+    return samples_of(recording_of(WALKS, rows, (), **columns), MODEL)
 
 
 def rows_used(rows: list[Row]) -> list[int]:

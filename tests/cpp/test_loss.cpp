@@ -14,7 +14,7 @@ void for_each_loss(Visit visit) {
   visit(Huber{});
   visit(Cauchy{});
   visit(GemanMcClure{});
-  visit(Late{});
+  visit(Late{1.0, 0.002});
 }
 
 void a_perfect_range_costs_nothing() {
@@ -80,7 +80,7 @@ void the_late_cost_is_the_mixtures_negative_logarithm() {
 }
 
 void what_is_late_stops_to_matter_long_before_what_is_early() {
-  const Late loss;
+  const Late loss{1.0, 0.002};
   CHECK(loss(-3.0, kRange).weight < 0.5);
   CHECK(loss(3.0, kRange).weight > 0.9);
   CHECK(loss(5.0, kRange).weight < 0.5);

@@ -9,8 +9,8 @@ using namespace synchronizar;
 
 namespace {
 
-const SearchOptions kPeople{0.15, true, Late{}, 0.5};
-const SearchOptions kRadio{3.0, false, Late{}, 0.5};
+const SearchOptions kPeople{0.15, true, Late{1.0, 0.002}, 0.5, 16, 128, 30.0};
+const SearchOptions kRadio{3.0, false, Late{1.0, 0.002}, 0.5, 16, 128, 30.0};
 
 CommonFromLocal common_from_user(const Placement& at) { return CommonFromLocal({at.x, at.y, at.yaw, at.z}); }
 

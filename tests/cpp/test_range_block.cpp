@@ -14,7 +14,7 @@ using Square = Eigen::Matrix<double, kColumns, kColumns>;
 
 const UserPose kI{1.0, -2.0, 0.4, 0.3, 0.5, 1.5, -1.2, 0.1};
 const UserPose kJ{4.0, 3.0, -2.5, -0.2, -1.0, 0.25, 0.8, 0.05};
-const LossKind kLosses[] = {Squared{}, Huber{}, Cauchy{}, GemanMcClure{}, Late{}};
+const LossKind kLosses[] = {Squared{}, Huber{}, Cauchy{}, GemanMcClure{}, Late{1.0, 0.002}};
 
 struct Ranges {
   Points o_i, o_j;
@@ -102,7 +102,7 @@ void heights_are_bent_where_ranges_are_predicted_too_long_alone() {
 void weights_and_probabilities_are_those_of_the_losses() {
   const Ranges ranges = make_ranges(20, 0.0);
   const Column residuals = ranges.block().residuals(kI, kJ);
-  const Late late;
+  const Late late{1.0, 0.002};
   const Column weights = ranges.block().weights(kI, kJ, {late, 2.0});
   const Column honest = ranges.block().honest(kI, kJ, late);
   for (int k = 0; k < 20; ++k) {
@@ -117,7 +117,7 @@ void weights_and_probabilities_are_those_of_the_losses() {
 void other_odds_leave_the_block_as_it_was() {
   const Ranges ranges = make_ranges(20, 0.0);
   const RangeBlock block = ranges.block();
-  const Loss loss{Late{}};
+  const Loss loss{Late{1.0, 0.002}};
   const double before = block.cost(kI, kJ, loss);
   Ranges others = ranges;
   others.late_odds = Column::LinSpaced(20, 0.1, 3.0);
