@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.results import write_table
-from experiments.walks import error_of, on_all_cores, oracle, true_frames
+from experiments.walks import on_all_cores, oracle, true_frames
 from synchronizar.arrays import Array
+from synchronizar.geometry import difference
 from synchronizar.model import Model
 from synchronizar.pipeline import register
 from synchronizar.registration import State
@@ -43,7 +44,7 @@ def walk(scene: Scene) -> Walk:
     ours = np.array([[f.x, f.y, f.z, f.yaw] if f is not None else [np.nan] * 4 for f in placed])
     best = oracle(simulation, registration.reference, Model())
     return Walk(
-        error_of(ours, truth[which]),
+        difference(ours, truth[which]),
         best.error[which],
         best.bound[which],
         [u.state is State.REGISTERED for u in others],

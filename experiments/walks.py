@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from multiprocessing import Pool
 from typing import NamedTuple, TypeVar
 
@@ -12,6 +13,7 @@ import numpy as np
 from synchronizar._core import Squared
 from synchronizar.arrays import Array
 from synchronizar.factors import RangeBlockFactor
+from synchronizar.geometry import difference
 from synchronizar.graph import RigidGraph, blocks_of
 from synchronizar.model import Model
 from synchronizar.samples import samples_of
@@ -26,13 +28,6 @@ def true_frames(simulation: Simulation, reference: str) -> Array:
     common_from_world = simulation.world_from_user[reference].inverse()
     frames = [common_from_world @ simulation.world_from_user[u.name] for u in simulation.recording.users]
     return np.array([[f.x, f.y, f.z, f.yaw] for f in frames])
-
-
-def error_of(frames: Array, truth: Array) -> Array:
-    """(k, 4) frames minus truth, yaw within [-pi, pi)."""
-    error = frames - truth
-    error[:, 3] = np.remainder(error[:, 3] + np.pi, 2.0 * np.pi) - np.pi
-    return error
 
 
 class Oracle(NamedTuple):
@@ -52,17 +47,26 @@ def oracle(simulation: Simulation, reference: str, model: Model) -> Oracle:
     truth = true_frames(simulation, reference)
     ref = simulation.recording.index(reference)
     rigid = RigidGraph(blocks_of(samples), users, list(range(len(users))), ref, model)
-    graph = rigid.about(truth).priors()
-    for b in rigid.blocks:
-        graph.add(RangeBlockFactor(rigid.place(b.pair.i), rigid.place(b.pair.j), b.block, Squared()))
+    graph = _gaussian(rigid.about(truth))
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(200)
     parameters.setAbsoluteErrorTol(1e-9)
     parameters.setRelativeErrorTol(1e-9)
     start = rigid.values(truth)
     found = gtsam.LevenbergMarquardtOptimizer(graph, start, parameters).optimize()
-    variances = np.diagonal(rigid.covariances(start, graph), axis1=1, axis2=2)
-    return Oracle(error_of(rigid.frames(found), truth), np.sqrt(variances))
+    # The information that the ranges have by themselves: that of ranges without noise, at the truth.
+    noise_free = replace(samples, distance=samples.distance - rigid.residuals(start))
+    ideal = RigidGraph(blocks_of(noise_free), users, list(range(len(users))), ref, model).about(truth)
+    variances = np.diagonal(ideal.covariances(start, _gaussian(ideal)), axis1=1, axis2=2)
+    return Oracle(difference(rigid.frames(found), truth), np.sqrt(variances))
+
+
+def _gaussian(rigid: RigidGraph) -> gtsam.NonlinearFactorGraph:
+    """The graph with squared losses."""
+    graph = rigid.priors()
+    for b in rigid.blocks:
+        graph.add(RangeBlockFactor(rigid.place(b.pair.i), rigid.place(b.pair.j), b.block, Squared()))
+    return graph
 
 
 def on_all_cores(work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:

@@ -12,6 +12,7 @@ using std::size_t;
 constexpr double kFinest = 0.05;  // m, the tables' step
 constexpr int kMostSteps = 400;   // to either side of a height; where more would be needed the step is larger
 constexpr double kReach = 4.0;    // sigmas of the prior that a height is sought within
+constexpr int kNear = 2;          // steps: minima that are closer are one
 constexpr int kStarts = 64;
 constexpr int kMostSweeps = 50;
 constexpr int kMostRanges = 64;  // of a pair that its table looks at; the others are taken to say the same
@@ -84,24 +85,23 @@ struct Problem {
     return sum;
   }
 
+  // To the next minimum, a step at a time: a jump over a barrier would leave out the minimum before it.
   void descend(State& state) const {
     bool moved = true;
     for (int sweep = 0; sweep < kMostSweeps && moved; ++sweep) {
       moved = false;
       for (size_t u = 0; u < users.size(); ++u) {
         if (!users[u].free) continue;
-        const int reach = steps_of(u);
-        int best = state.at[u];
-        double least = cost_at(u, best, state);
-        for (int step = -reach; step <= reach; ++step) {
-          const double here = cost_at(u, step, state);
-          if (here < least - 1e-9) {
-            least = here;
-            best = step;
+        double least = cost_at(u, state.at[u], state);
+        for (const int way : {-1, 1}) {
+          while (std::abs(state.at[u] + way) <= steps_of(u)) {
+            const double next = cost_at(u, state.at[u] + way, state);
+            if (next >= least - 1e-9) break;
+            least = next;
+            state.at[u] += way;
+            moved = true;
           }
         }
-        moved = moved || best != state.at[u];
-        state.at[u] = best;
       }
       state.level = level(state.at);
     }
@@ -139,21 +139,32 @@ std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
     }
     state.level = p.level(state.at);
     p.descend(state);
-    const auto is_same = [&](const State& other) { return other.at == state.at; };
-    if (std::none_of(minima.begin(), minima.end(), is_same)) minima.push_back(state);
+    minima.push_back(state);
   }
 
-  std::vector<Heights> found;
+  // Best first; on a plateau neighbouring steps are all but minima, and count once.
+  std::sort(minima.begin(), minima.end(),
+            [&](const State& a, const State& b) { return p.cost(a) < p.cost(b); });
+  const double limit = p.cost(minima.front()) + most_above;
+  std::vector<State> kept;
   for (const State& state : minima) {
+    const auto near = [&](const State& other) {
+      for (size_t u = 0; u < users.size(); ++u) {
+        if (std::abs(other.at[u] - state.at[u]) > kNear) return false;
+      }
+      return true;
+    };
+    if (p.cost(state) <= limit && std::none_of(kept.begin(), kept.end(), near)) kept.push_back(state);
+  }
+  std::vector<Heights> found;
+  for (const State& state : kept) {
     Heights heights{Column(static_cast<Eigen::Index>(users.size())), p.cost(state)};
-    for (size_t u = 0; u < users.size(); ++u)
-      heights.height[static_cast<Eigen::Index>(u)] = p.step_length * state.at[u];
+    for (size_t u = 0; u < users.size(); ++u) {
+      const double height = users[u].free ? p.step_length * state.at[u] : users[u].pose.frame_height;
+      heights.height[static_cast<Eigen::Index>(u)] = height;
+    }
     found.push_back(std::move(heights));
   }
-  std::sort(found.begin(), found.end(), [](const Heights& a, const Heights& b) { return a.cost < b.cost; });
-  const double limit = found.front().cost + most_above;
-  found.erase(std::find_if(found.begin(), found.end(), [&](const Heights& h) { return h.cost > limit; }),
-              found.end());
   if (found.size() > static_cast<size_t>(most)) found.resize(static_cast<size_t>(most));
   return found;
 }

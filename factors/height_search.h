@@ -4,7 +4,7 @@
 // and one that is 0.3 m lower give the same ranges. Among k users each such sign is a choice of its own, and
 // a minimum of the cost is easily one of many. With places and headings held, the cost is a sum over pairs of
 // functions of one number, their difference in height, and over users of the priors. These functions are
-// tabulated once; then coordinate descent on the tables from many starts, drawn from the priors, finds the
+// tabulated once; then coordinate descent on the tables, from many starts drawn from the priors, finds the
 // minima.
 #pragma once
 

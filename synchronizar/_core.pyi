@@ -65,7 +65,7 @@ class RangeBlock:
     def square_root(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:
         """(5, 17): rows over i's F (3), H, X (3), Z, then j's, then the residual.
 
-        Their squares sum to those of all n reweighted rows.
+        A quadratic model of the cost: its gradient is exact (factors/range_block.h).
         """
 
     def weights(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:

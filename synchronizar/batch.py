@@ -15,6 +15,7 @@ import gtsam
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.geometry import difference
 from synchronizar.graph import RigidGraph
 from synchronizar.initialise import Hypothesis, connected, joint_placements
 from synchronizar.mirrors import height_mirrors, reflections
@@ -24,7 +25,7 @@ from synchronizar.samples import Samples
 _GAIN = 5e-3  # of log likelihood, in units of 1: a step that gains less changes nothing that could be measured
 _HOPELESS = 50.0  # of log likelihood: more than further rounds may gain
 _NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
-_SAME = 0.01  # m and rad: minima that are closer are one
+SAME = 0.01  # m and rad: minima that are closer are one
 _TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
 _MOST_ROUNDS = 10
 _PIECES = 12  # that a walk is cut into to draw parts of it
@@ -103,7 +104,7 @@ class _Minima:
             before = cost
             values = _optimize(judged.factors(), values, iterations=20)
             frames = graph.frames(values)
-            if any(np.nanmax(np.abs(frames - known.frames)) < _SAME for known in self.settled):
+            if any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in self.settled):
                 return
         self.settled.append(Settled(graph.frames(values), cost, judged, values))
 

@@ -73,9 +73,28 @@ class YawFrame:
         return multiply_quaternions(yaw_quaternion(self.yaw), quat_xyzw)
 
 
-def wrap_angle(angle: float) -> float:
-    """The same angle (rad) within [-pi, pi)."""
+@overload
+def wrap_angle(angle: float) -> float: ...
+@overload
+def wrap_angle(angle: Array) -> Array: ...
+def wrap_angle(angle: float | Array) -> float | Array:
+    """The same angle (rad), or angles, within [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def apply_frames(frames: Array, points: Array) -> Array:
+    """Points (..., 3), each in a frame (..., 4) x, y, z, yaw -> the same points in what those frames are given in."""
+    c, s = np.cos(frames[..., 3]), np.sin(frames[..., 3])
+    x, y, z = np.moveaxis(points, -1, 0)
+    turned = np.stack(np.broadcast_arrays(c * x - s * y, s * x + c * y, z), axis=-1)
+    return np.asarray(frames[..., :3] + turned)
+
+
+def difference(frames: Array, others: Array) -> Array:
+    """(..., 4) x, y, z, yaw of frames minus those of others, yaw within [-pi, pi)."""
+    out = frames - others
+    out[..., 3] = wrap_angle(out[..., 3])
+    return np.asarray(out)
 
 
 def rotation_2d(yaw: float) -> Array:

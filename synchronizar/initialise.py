@@ -13,6 +13,7 @@ import numpy as np
 
 from synchronizar._core import search_placements
 from synchronizar.arrays import Array, Indices, Mask
+from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import height_sigma_of, late_loss
 from synchronizar.model import Model
 from synchronizar.samples import Samples, pairs
@@ -117,10 +118,7 @@ def _links(samples: Samples, user: int, placed: Mask) -> tuple[Indices, Indices]
 def _known_positions(samples: Samples, frames: Array, rows: Indices, end: Indices, own: Array) -> Array:
     """The other ends' antennas (n, 3) in the common frame."""
     other = np.where(end == 0, samples.j[rows], samples.i[rows])
-    x, y, z, yaw = frames[other].T
-    p = own[1 - end, rows]
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.stack([x + c * p[:, 0] - s * p[:, 1], y + s * p[:, 0] + c * p[:, 1], z + p[:, 2]], axis=1)
+    return apply_frames(frames[other], own[1 - end, rows])
 
 
 def _extend(
@@ -158,5 +156,5 @@ def _relative_to(frames: Array, reference: int) -> Array:
     c, s = np.cos(yaw), np.sin(yaw)
     dx, dy = frames[:, 0] - x, frames[:, 1] - y
     out = np.stack([c * dx + s * dy, -s * dx + c * dy, frames[:, 2] - z, frames[:, 3] - yaw], axis=1)
-    out[:, 3] = np.remainder(out[:, 3] + np.pi, 2.0 * np.pi) - np.pi
+    out[:, 3] = wrap_angle(out[:, 3])
     return out

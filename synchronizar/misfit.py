@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.geometry import apply_frames
 from synchronizar.samples import Samples
 
 _PIECES = 12  # of the recording: what stays the same for that long is no noise
@@ -33,7 +34,7 @@ def misfit(samples: Samples, frames: Array, residual: Array, weight: Array, hone
     rows = np.flatnonzero((samples.i == user) | (samples.j == user))
     s = samples[rows.astype(np.int32)]
     is_i = (s.i == user)[:, None]
-    q_i, q_j = _common(frames[s.i], s.p_i), _common(frames[s.j], s.p_j)
+    q_i, q_j = apply_frames(frames[s.i], s.p_i), apply_frames(frames[s.j], s.p_j)
     between = np.where(is_i, q_i - q_j, q_j - q_i)
     direction = between / np.maximum(np.linalg.norm(between, axis=1), 1e-9)[:, None]
     arm = np.where(is_i, q_i, q_j) - frames[user, :3]
@@ -56,11 +57,3 @@ def misfit(samples: Samples, frames: Array, residual: Array, weight: Array, hone
     f = float((((scores @ vectors[:, seen]) ** 2) / values[seen]).sum() / rank)
     by_chance = 1.0 + 2.0 * np.sqrt(2.0 / (rank * len(cluster)))
     return Misfit(max(1.0, f / by_chance), rejected)
-
-
-def _common(frames: Array, points: Array) -> Array:
-    """Points (n, 3), each in its own user's frame (n, 4) x, y, z, yaw -> the common frame."""
-    c, s = np.cos(frames[:, 3]), np.sin(frames[:, 3])
-    x, y, z = points.T
-    turned: Array = np.column_stack([c * x - s * y, s * x + c * y, z])
-    return frames[:, :3] + turned

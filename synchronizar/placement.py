@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.batch import Settled
+from synchronizar.batch import SAME, Settled
+from synchronizar.geometry import apply_frames, difference, wrap_angle
 from synchronizar.misfit import Misfit, misfit
 from synchronizar.model import Model
 from synchronizar.samples import Samples
-
-_REPEATED = 1e-2  # m and rad: minima that are closer are one
 
 
 class Minimum(NamedTuple):
@@ -68,18 +67,18 @@ def _merge(group: list[Settled], fit: dict[int, Misfit]) -> Placement:
     best = group[0]
     distinct = [best]
     for s in group[1:]:
-        if all(np.nanmax(np.abs(_difference(s.frames, d.frames))) > _REPEATED for d in distinct):
+        if all(np.nanmax(np.abs(difference(s.frames, d.frames))) > SAME for d in distinct):
             distinct.append(s)
     within = np.array([_inflated(s, fit) for s in distinct])
     log_weight = np.array([-s.cost for s in distinct])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    away = np.array([_difference(s.frames, best.frames) for s in distinct])
+    away = np.array([difference(s.frames, best.frames) for s in distinct])
     mean = np.einsum("m,mkc->kc", weight, away)
     spread = away - mean
     covariance = np.einsum("m,mkcd->kcd", weight, within) + np.einsum("m,mkc,mkd->kcd", weight, spread, spread)
     frames = best.frames + mean
-    frames[:, 3] = np.remainder(frames[:, 3] + np.pi, 2.0 * np.pi) - np.pi
+    frames[:, 3] = wrap_angle(frames[:, 3])
     minima = [Minimum(float(w), s.frames, c) for w, s, c in zip(weight, distinct, within, strict=True)]
     return Placement(best.cost, frames, covariance, minima)
 
@@ -99,12 +98,6 @@ def _inflated(settled: Settled, fit: dict[int, Misfit]) -> Array:
     return out
 
 
-def _difference(frames: Array, others: Array) -> Array:
-    out = frames - others
-    out[:, 3] = np.remainder(out[:, 3] + np.pi, 2.0 * np.pi) - np.pi
-    return out
-
-
 def moved(frames: Array, others: Array, corners: Array) -> Array:
     """(k,) m: how far two joint placements (k, 4) lie apart for each user, at the corner (k, c, 3) where it is most."""
     return np.asarray(np.linalg.norm(places(frames, corners) - places(others, corners), axis=2).max(axis=1))
@@ -112,7 +105,4 @@ def moved(frames: Array, others: Array, corners: Array) -> Array:
 
 def places(frames: Array, corners: Array) -> Array:
     """(k, c, 3) m: where points (k, c, 3) of each user's own frame lie in the common one, by frames (k, 4)."""
-    x, y, z, yaw = (column[:, None] for column in frames.T)
-    c, s = np.cos(yaw), np.sin(yaw)
-    px, py, pz = np.moveaxis(corners, 2, 0)
-    return np.stack([x + c * px - s * py, y + s * px + c * py, z + pz], axis=2)
+    return apply_frames(frames[:, None], corners)

@@ -14,7 +14,8 @@ from synchronizar.arrays import Array, Indices, Mask, freeze_arrays
 class Ranges:
     """n measured distances, in columns; the stamps are those of the one range clock.
 
-    Raises ValueError where the columns' lengths disagree or a distance is from a device to itself.
+    Raises ValueError where the columns' lengths disagree, a distance is from a device to itself, a time is not finite
+    or a sigma not positive.
     """
 
     t: Array
@@ -45,6 +46,10 @@ class Ranges:
                 raise ValueError(f"the column {f.name} must have shape ({n},)")
         if (self.a == self.b).any():
             raise ValueError("a device cannot measure the distance to itself")
+        if not np.isfinite(self.t).all():
+            raise ValueError("a range's time must be finite")
+        if not (np.isnan(self.sigma) | ((self.sigma > 0.0) & np.isfinite(self.sigma))).all():
+            raise ValueError("a range's sigma must be positive, or NaN where it is not known")
         freeze_arrays(self)
 
     def __len__(self) -> int:

@@ -57,7 +57,8 @@ class RangeVerdicts:
     """What became of each range of the recording, in its order."""
 
     usable: Mask
-    """(n,) whether both devices' places at that time are known and the number can be a distance."""
+    """(n,) whether it can be used: a distance by its number, both places at that time known, no repetition of another,
+    and its two devices tied to the reference by some chain of ranges."""
     used: Mask
     """(n,) whether the answer takes it for an honest measurement; a usable range that is not used was rejected."""
     weight: Array

@@ -116,8 +116,9 @@ def samples_of(recording: Recording, model: Model) -> Samples:
 def _late_share(ranges: Ranges, model: Model) -> Array:
     """How probable it is (n,) that each range is late, before its residual is known.
 
-    From the radio's own flag, else from the power that did not come by the first path (DW1000 user manual 4.7:
-    below 6 dB line of sight, above 10 dB none; in between linear), else the model's share.
+    High where the radio itself takes the signal for late; else from the power that did not come by the first path
+    (DW1000 user manual 4.7: below 6 dB line of sight, above 10 dB none; in between linear); else low where the radio
+    takes it for direct, and the model's share where nothing is known.
     """
     share = np.full(len(ranges), model.late_share)
     beside_first_path = ranges.rx_power - ranges.fp_power

@@ -8,7 +8,10 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class User:
-    """A device as it is described: its name, whether it is a radio that stands still, its antennas."""
+    """A device as it is described: its name, whether it is a radio that stands still, its antennas.
+
+    Raises ValueError where its height_sigma is not positive.
+    """
 
     name: str
     static: bool = False
@@ -16,3 +19,7 @@ class User:
     """m, 1 sigma: how far its origin may lie above or below the others'; None leaves it to the model."""
     antennas: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Lever arm (m) of each named antenna in the body frame; none: one antenna at the origin."""
+
+    def __post_init__(self) -> None:
+        if self.height_sigma is not None and not 0.0 < self.height_sigma < float("inf"):
+            raise ValueError("a height_sigma must be positive")

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.geometry import wrap_angle
 from synchronizar.graph import RigidGraph
 from synchronizar.misfit import Misfit
 from synchronizar.model import Model
@@ -51,7 +52,7 @@ def verdicts(
             reason = f"{fit[u].rejected:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
             state = State.UNOBSERVABLE
         if away[u] > model.largest_error and state is State.REGISTERED:
-            state, reason, direction = State.AMBIGUOUS, f"{len(found)} placements explain the ranges", None
+            state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
         said[u] = Verdict(state, reason, direction, dominated)
     return said
 
@@ -96,7 +97,7 @@ def _wrong(best: Placement, user: int, corners: Array, model: Model) -> tuple[fl
         plane += minimum.weight * float(np.exp(-0.5 * (away / max(sigma, _LEAST)) ** 2))
         sigma, _ = _largest_spread(covariance, frames[0, 3], corners, [2])
         height += minimum.weight * _beyond(limit, off[0, 2], sigma)
-        turned = float(np.remainder(frames[0, 3] - best.frames[user, 3] + np.pi, 2.0 * np.pi) - np.pi)
+        turned = wrap_angle(float(frames[0, 3] - best.frames[user, 3]))
         heading += minimum.weight * _beyond(model.largest_yaw_error, turned, float(np.sqrt(covariance[3, 3])))
     return plane, height, heading
 

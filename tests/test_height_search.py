@@ -179,7 +179,7 @@ def test_answers_and_costs_are_limited_as_asked() -> None:
     pairs = level_walks(1, np.array([0.0, 0.25]), noise=0.0)  # so far apart that hardly anything is seen of heights
     free = np.array([False, True])
     everything = search(pairs, 2, free)
-    assert len(everything) > 3
+    assert len(everything) > 2
     assert [c for _, c in search(pairs, 2, free, most=3)] == [c for _, c in everything[:3]]
     limit = 0.5 * (everything[0][1] + everything[-1][1])
     close = search(pairs, 2, free, most_above=limit - everything[0][1])
