@@ -65,7 +65,7 @@ def _reference(recording: Recording, name: str | None, model: Model) -> int:
     if name is None:
         moving = [u for u, user in enumerate(recording.users) if not user.static]
         if not moving:
-            raise InputError("recording", "every user is a static radio: nobody has a frame to be the common one")
+            raise InputError("recording.toml", "every user is a static radio: nobody has a frame to be the common one")
         far = [u for u in moving if recording.tracks[recording.users[u].name].extent() > model.moving]
         return (far or moving)[0]
     try:
