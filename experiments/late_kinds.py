@@ -29,7 +29,7 @@ KINDS = ("steady", "a fifth", "anew")
 
 def with_detours(simulation: Simulation, kind: str, seed: int) -> Simulation:
     """The same walk; where its ranges are late, they are so in another way."""
-    if kind == "a fifth":
+    if kind == "a fifth" or not simulation.late.any():
         return simulation
     random = np.random.default_rng([seed, 5])
     late = np.flatnonzero(simulation.late)
