@@ -113,6 +113,11 @@ NB_MODULE(_core, m) {
              double annealing) { return self.square_root(i, j, make_loss(loss, annealing)); },
           "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
       .def(
+          "height_bending",
+          [](const RangeBlock& self, const UserPose& i, const UserPose& j, const LossKind& loss,
+             double annealing) { return self.height_bending(i, j, make_loss(loss, annealing)); },
+          "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
+      .def(
           "weights",
           [](const RangeBlock& self, const UserPose& i, const UserPose& j, const LossKind& loss,
              double annealing) { return self.weights(i, j, make_loss(loss, annealing)); },

@@ -5,6 +5,16 @@
 #include <utility>
 
 namespace synchronizar {
+namespace {
+
+// What a range's bending adds to the second derivative in height: the cost's slope in the distance, times
+// that of the distance.
+double bending(const Line& line, double slope) {
+  const double level = 1.0 - line.direction.z() * line.direction.z();
+  return line.distance > 0.0 ? slope * level / line.distance : 0.0;
+}
+
+}  // namespace
 
 RangeBlock::RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column late_odds)
     : o_i_(std::move(o_i)),
@@ -78,7 +88,7 @@ RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose
   Triangle triangle = Triangle::Zero();
   Rows rows(kChunk + kRows, static_cast<Eigen::Index>(kRows));
   Eigen::Index filled = kRows;
-  double bending = 0.0;
+  double bends = 0.0;
   rows.topRows<kRows>().setZero();
   const auto squeeze = [&] {
     const Eigen::HouseholderQR<Rows> qr(rows.topRows(filled));
@@ -97,16 +107,13 @@ RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose
           rows.row(filled).head<4>() = root / sigma_[n] * line.coordinates().transpose();
           rows(filled, 4) = slope / root;
           if (++filled == rows.rows()) squeeze();
-          if (line.distance > 0.0) {
-            const double level = 1.0 - line.direction.z() * line.direction.z();
-            bending += slope / sigma_[n] * level / line.distance;
-          }
+          bends += bending(line, slope / sigma_[n]);
         });
       },
       loss.kind);
-  if (bending > 0.0) {
+  if (bends > 0.0) {
     rows.row(filled).setZero();
-    rows(filled++, 2) = std::sqrt(bending);
+    rows(filled++, 2) = std::sqrt(bends);
   }
   squeeze();
   SquareRoot out;
@@ -114,6 +121,20 @@ RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose
   out.middleCols<kUserColumns>(kUserColumns) = -triangle.leftCols<4>() * line_to_user(j);
   out.rightCols<1>() = triangle.col(4);
   return out;
+}
+
+double RangeBlock::height_bending(const UserPose& i, const UserPose& j, const Loss& loss) const {
+  double sum = 0.0;
+  std::visit(
+      [&](const auto& kind) {
+        for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
+          const double e = (line.distance - measured_[n]) / sigma_[n];
+          const double slope = annealed(kind, loss.annealing, e, traits(n)).weight * e;
+          sum += bending(line, slope / sigma_[n]);
+        });
+      },
+      loss.kind);
+  return sum;
 }
 
 Column RangeBlock::weights(const UserPose& i, const UserPose& j, const Loss& loss) const {

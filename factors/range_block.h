@@ -47,6 +47,10 @@ class RangeBlock {
   using SquareRoot = Eigen::Matrix<double, kRows, 2 * kUserColumns + 1>;
   SquareRoot square_root(const UserPose& i, const UserPose& j, const Loss& loss) const;
 
+  // The part of the cost's second derivative in the difference in height that the ranges' own bending makes,
+  // whatever its sign: the sum of rho' (1 - e_z^2) / (d sigma). `square_root` has it where it is positive.
+  double height_bending(const UserPose& i, const UserPose& j, const Loss& loss) const;
+
   // The weight (without 1 / sigma^2) that the loss gives each range at this placement.
   Column weights(const UserPose& i, const UserPose& j, const Loss& loss) const;
 

@@ -68,6 +68,9 @@ class RangeBlock:
         A quadratic model of the cost: its gradient is exact (factors/range_block.h).
         """
 
+    def height_bending(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> float:
+        """1/m^2: what the ranges' own bending adds to the cost's second derivative in the difference in height."""
+
     def weights(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:
         """(n,) the weight that the loss gives each range, without 1 / sigma^2."""
 

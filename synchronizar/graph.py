@@ -127,6 +127,10 @@ class RigidGraph:
         # Columns of unit length, and a QR that never squares them, do not.
         scale = np.linalg.norm(jacobian, axis=0)
         root = np.linalg.inv(np.linalg.qr(jacobian / scale, mode="r")) / scale[:, None]
+        # The factors leave out what could make them indefinite; a covariance needs it: between two heights that are as
+        # good, the cost is flatter than their own curvature says. To a tenth at the least, for it is not flat for ever.
+        flattened, vectors = np.linalg.eigh(np.eye(len(root)) + root.T @ self._negative_bending(values) @ root)
+        root = root @ vectors / np.sqrt(np.maximum(flattened, 0.1))
         for k, u in enumerate(self.free):
             rows = root[4 * k : 4 * k + 4]
             # Pose2's tangent is (v in its own axes, yaw), then the height: turned and put in order.
@@ -134,6 +138,19 @@ class RigidGraph:
             c, s = np.cos(yaw), np.sin(yaw)
             common_from_body = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]])
             out[u] = common_from_body @ rows @ rows.T @ common_from_body.T
+        return out
+
+    def _negative_bending(self, values: gtsam.Values) -> Array:
+        """What of the cost's second derivatives in heights is below 0, in the order of `covariances`."""
+        column = {u: 4 * k + 3 for k, u in enumerate(self.free)}
+        out = np.zeros((4 * len(self.free) + 1, 4 * len(self.free) + 1))
+        for b in self.blocks:
+            bending = min(b.block.height_bending(*self._ends(b, values), self._loss), 0.0)
+            row = np.zeros(len(out))
+            for user, sign in ((b.pair.i, 1.0), (b.pair.j, -1.0)):
+                if user in column:
+                    row[column[user]] = sign
+            out += bending * np.outer(row, row)
         return out
 
     def with_bursts(self, values: gtsam.Values) -> tuple[RigidGraph, float]:
