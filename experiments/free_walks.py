@@ -9,46 +9,19 @@ Cramer-Rao bound. Prints a table and writes it to experiments/results/.
 from __future__ import annotations
 
 import argparse
-from typing import NamedTuple
 
 import numpy as np
 
 from experiments.results import write_table
-from experiments.walks import on_all_cores, oracle, true_frames
+from experiments.walks import Beside, beside_oracle, on_all_cores
 from synchronizar.arrays import Array
-from synchronizar.geometry import difference
-from synchronizar.model import Model
-from synchronizar.pipeline import register
-from synchronizar.registration import State
 from synchronizar.scene import Scene
 from synchronizar.simulate import simulate
 
 
-class Walk(NamedTuple):
-    """The users of one walk but the reference: (k - 1, 4) each, and (k - 1,)."""
-
-    ours: Array
-    best: Array
-    bound: Array
-    registered: list[bool]
-
-
-def walk(scene: Scene) -> Walk:
+def walk(scene: Scene) -> Beside:
     """Register one scene."""
-    simulation = simulate(scene)
-    registration = register(simulation.recording)
-    truth = true_frames(simulation, registration.reference)
-    others = [u for u in registration.users.values() if u.name != registration.reference]
-    which = [simulation.recording.index(u.name) for u in others]
-    placed = [u.common_from_user for u in others]
-    ours = np.array([[f.x, f.y, f.z, f.yaw] if f is not None else [np.nan] * 4 for f in placed])
-    best = oracle(simulation, registration.reference, Model())
-    return Walk(
-        difference(ours, truth[which]),
-        best.error[which],
-        best.bound[which],
-        [u.state is State.REGISTERED for u in others],
-    )
+    return beside_oracle(simulate(scene))
 
 
 def main() -> None:
@@ -71,7 +44,7 @@ def main() -> None:
     print(write_table(name, rows, settings=vars(options)))
 
 
-def _row(users: int, walks: list[Walk]) -> dict[str, float]:
+def _row(users: int, walks: list[Beside]) -> dict[str, float]:
     ours, best, bound = (np.concatenate([getattr(w, what) for w in walks]) for what in ("ours", "best", "bound"))
     registered = np.concatenate([w.registered for w in walks])
     rms = {"xy": _rms_plane, "z": lambda e: _rms(e[:, 2]), "yaw": lambda e: _rms(e[:, 3])}

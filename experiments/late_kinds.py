@@ -15,12 +15,8 @@ from typing import Any
 import numpy as np
 
 from experiments.results import write_table
-from experiments.walks import on_all_cores, oracle, true_frames
+from experiments.walks import beside_oracle, on_all_cores
 from synchronizar.arrays import Array
-from synchronizar.geometry import difference
-from synchronizar.model import Model
-from synchronizar.pipeline import register
-from synchronizar.registration import State
 from synchronizar.scene import SHORTEST_DETOUR_M, Scene
 from synchronizar.simulate import Simulation, simulate
 
@@ -53,17 +49,8 @@ def with_detours(simulation: Simulation, kind: str, seed: int) -> Simulation:
 
 def errors(kind: str, scene: Scene) -> tuple[Array, Array, list[bool]]:
     """(k - 1,) in the plane: ours and the oracle's; and who is registered."""
-    simulation = with_detours(simulate(scene), kind, scene.seed)
-    registration = register(simulation.recording)
-    truth = true_frames(simulation, registration.reference)
-    others = [u for u in registration.users.values() if u.name != registration.reference]
-    which = [simulation.recording.index(u.name) for u in others]
-    placed = [u.common_from_user for u in others]
-    ours = np.array([[f.x, f.y, f.z, f.yaw] if f is not None else [np.nan] * 4 for f in placed])
-    best = oracle(simulation, registration.reference, Model()).error[which]
-    error = difference(ours, truth[which])
-    registered = [u.state is State.REGISTERED for u in others]
-    return np.hypot(error[:, 0], error[:, 1]), np.hypot(best[:, 0], best[:, 1]), registered
+    walk = beside_oracle(with_detours(simulate(scene), kind, scene.seed))
+    return np.hypot(*walk.ours[:, :2].T), np.hypot(*walk.best[:, :2].T), walk.registered
 
 
 def main() -> None:

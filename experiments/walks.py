@@ -16,6 +16,8 @@ from synchronizar.factors import RangeBlockFactor
 from synchronizar.geometry import difference
 from synchronizar.graph import RigidGraph, blocks_of
 from synchronizar.model import Model
+from synchronizar.pipeline import register
+from synchronizar.registration import State
 from synchronizar.samples import samples_of
 from synchronizar.simulate import Simulation
 
@@ -59,6 +61,31 @@ def oracle(simulation: Simulation, reference: str, model: Model) -> Oracle:
     ideal = RigidGraph(blocks_of(noise_free), users, list(range(len(users))), ref, model).about(truth)
     variances = np.diagonal(ideal.covariances(start, _gaussian(ideal)), axis1=1, axis2=2)
     return Oracle(difference(rigid.frames(found), truth), np.sqrt(variances))
+
+
+class Beside(NamedTuple):
+    """The users of a walk but the reference, beside the best that could be done."""
+
+    ours: Array
+    """(k - 1, 4) errors of x, y, z, yaw."""
+    best: Array
+    """(k - 1, 4) those of the oracle."""
+    bound: Array
+    """(k - 1, 4) 1 sigma by the bound."""
+    registered: list[bool]
+
+
+def beside_oracle(simulation: Simulation) -> Beside:
+    """Register a walk and set it beside the oracle."""
+    registration = register(simulation.recording)
+    truth = true_frames(simulation, registration.reference)
+    best = oracle(simulation, registration.reference, Model())
+    others = [u for u in registration.users.values() if u.name != registration.reference]
+    which = [simulation.recording.index(u.name) for u in others]
+    placed = [u.common_from_user for u in others]
+    ours = np.array([[f.x, f.y, f.z, f.yaw] if f is not None else [np.nan] * 4 for f in placed])
+    registered = [u.state is State.REGISTERED for u in others]
+    return Beside(difference(ours, truth[which]), best.error[which], best.bound[which], registered)
 
 
 def _gaussian(rigid: RigidGraph) -> gtsam.NonlinearFactorGraph:
