@@ -294,3 +294,26 @@ def test_other_odds_are_checked_too(odds: Array) -> None:
 def test_antennas_have_three_coordinates() -> None:
     with pytest.raises(TypeError):
         RangeBlock(np.zeros((3, 2)), *GOOD[1:])
+
+
+@pytest.mark.parametrize("late_by", [-0.3, 0.3])
+def test_curvature_and_bending_are_the_second_derivative_in_height_whatever_its_sign(late_by: float) -> None:
+    random = np.random.default_rng(3)
+    o_i, o_j = random.normal(size=(2, 40, 3)) * [2.0, 2.0, 0.2]
+    o_j[:, 0] += 5.0
+    distance = np.linalg.norm(o_i - o_j, axis=1) + late_by
+    sigma = np.full(40, 0.1)
+    block = RangeBlock(o_i, o_j, distance, sigma, np.full(40, 0.25))
+    loss, step = Late(1.0, 0.002), 1e-4
+
+    def cost(height: float) -> float:
+        return block.cost(UserPose(frame_height=height), UserPose(), loss)
+
+    numerical = (cost(step) - 2.0 * cost(0.0) + cost(-step)) / step**2
+    between = o_i - o_j
+    length = np.linalg.norm(between, axis=1)
+    curvature = np.array([loss(e, 0.1, 0.25)[2] for e in (length - distance) / sigma])
+    along = float((curvature / sigma**2 * (between[:, 2] / length) ** 2).sum())
+    bending = block.height_bending(UserPose(), UserPose(), loss)
+    np.testing.assert_allclose(along + bending, numerical, rtol=1e-4, atol=1e-3)
+    assert np.sign(bending) == -np.sign(late_by)
