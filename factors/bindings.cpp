@@ -1,16 +1,19 @@
 // The core's Python face: arrays in, arrays out. Shapes and signs are checked here, once.
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/variant.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <tuple>
 #include <utility>
 
+#include "factors/device_block.h"
 #include "factors/height_search.h"
 #include "factors/late_bursts.h"
 #include "factors/placement_search.h"
@@ -132,6 +135,59 @@ NB_MODULE(_core, m) {
           },
           "late_odds"_a)
       .def("honest", &RangeBlock::honest, "i"_a, "j"_a, "loss"_a);
+
+  nb::class_<Device>(m, "Device")
+      .def(nb::init<double, double, double>(), "log_scale"_a = 0.0, "range_bias"_a = 0.0,
+           "clock_offset"_a = 0.0);
+
+  nb::class_<DeviceBlock>(m, "DeviceBlock")
+      .def(
+          "__init__",
+          [](DeviceBlock* self, const std::array<Points, 3>& i, const std::array<Points, 3>& j,
+             const Column& measured, const Column& sigma, const Column& late_odds, const Column& worth) {
+            check_ranges(i[0], j[0], measured, sigma, late_odds);
+            require(worth.size() == measured.size() && (worth.array() > 0.0).all() && worth.allFinite(),
+                    "worth must be (n,) and positive");
+            for (const auto* end : {&i, &j}) {
+              require((*end)[1].rows() == measured.size() && (*end)[2].rows() == measured.size(),
+                      "levers and velocities must be (n, 3), one row a range");
+              require((*end)[1].allFinite() && (*end)[2].allFinite(), "levers and velocities must be finite");
+            }
+            new (self) DeviceBlock({i[0], i[1], i[2]}, {j[0], j[1], j[2]}, measured, sigma, late_odds, worth);
+          },
+          "i"_a, "j"_a, "measured"_a, "sigma"_a, "late_odds"_a, "worth"_a)
+      .def("__len__", &DeviceBlock::size)
+      .def("residuals", &DeviceBlock::residuals, "pose_i"_a, "device_i"_a, "pose_j"_a, "device_j"_a)
+      .def(
+          "cost",
+          [](const DeviceBlock& self, const UserPose& i, const Device& device_i, const UserPose& j,
+             const Device& device_j, const LossKind& loss,
+             double annealing) { return self.cost(i, device_i, j, device_j, make_loss(loss, annealing)); },
+          "pose_i"_a, "device_i"_a, "pose_j"_a, "device_j"_a, "loss"_a, "annealing"_a = 1.0)
+      .def(
+          "square_root",
+          [](const DeviceBlock& self, const UserPose& i, const Device& device_i, const UserPose& j,
+             const Device& device_j, const LossKind& loss, double annealing) {
+            return self.square_root(i, device_i, j, device_j, make_loss(loss, annealing));
+          },
+          "pose_i"_a, "device_i"_a, "pose_j"_a, "device_j"_a, "loss"_a, "annealing"_a = 1.0);
+
+  m.def(
+      "judge",
+      [](const Column& whitened, const Column& sigma, const Column& late_odds, const Late& loss) {
+        const auto n = whitened.size();
+        require(sigma.size() == n && late_odds.size() == n, "all columns must be (n,)");
+        Column rho(n), weight(n), honest(n);
+        for (Eigen::Index k = 0; k < n; ++k) {
+          const RangeTraits range{sigma[k], late_odds[k]};
+          const LossValue value = loss(whitened[k], range);
+          rho[k] = value.rho;
+          weight[k] = value.weight;
+          honest[k] = loss.honest(whitened[k], range);
+        }
+        return std::tuple(rho, weight, honest);
+      },
+      "whitened"_a, "sigma"_a, "late_odds"_a, "loss"_a);
 
   m.def(
       "judge_bursts",

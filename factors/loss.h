@@ -6,6 +6,7 @@
 // al., RA-L 2020) a loss is mu^2 rho(e / mu): the same parabola at 0, wider.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <variant>
 
@@ -16,6 +17,12 @@ struct LossValue {
   double weight;     // rho'(e) / e
   double curvature;  // rho''(e); negative where a loss gives up on a range
 };
+
+// What a quadratic model of the cost takes for the root of rho'': never less than a tenth of the weight, so that
+// the model stays definite.
+inline double curvature_root(const LossValue& value) {
+  return std::sqrt(std::max(value.curvature, 0.1 * value.weight));
+}
 
 // What a loss may know of a range besides its residual.
 struct RangeTraits {

@@ -73,6 +73,13 @@ struct Line {
   Eigen::Vector4d coordinates() const {
     return Eigen::Vector4d(direction.x(), direction.y(), direction.z(), moment);
   }
+
+  // What the line's own bending adds to a cost's second derivative in the difference in height, where the cost
+  // has this slope in the distance.
+  double bending(double slope) const {
+    const double level = 1.0 - direction.z() * direction.z();
+    return distance > 0.0 ? slope * level / distance : 0.0;
+  }
 };
 
 // The columns of one user: F (3), H (1), X (3), Z (1).

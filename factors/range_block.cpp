@@ -1,21 +1,11 @@
 #include "factors/range_block.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <utility>
 
+#include "factors/squeeze.h"
+
 namespace synchronizar {
-namespace {
-
-// What a range's bending adds to the second derivative in height: the cost's slope in the distance, times
-// that of the distance.
-double bending(const Line& line, double slope) {
-  const double level = 1.0 - line.direction.z() * line.direction.z();
-  return line.distance > 0.0 ? slope * level / line.distance : 0.0;
-}
-
-}  // namespace
-
 RangeBlock::RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column late_odds)
     : o_i_(std::move(o_i)),
       o_j_(std::move(o_j)),
@@ -80,42 +70,25 @@ Column RangeBlock::height_profile(const UserPose& i, const UserPose& j, const Lo
 }
 
 RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose& j, const Loss& loss) const {
-  // Chunks keep the memory bounded; the triangle of what came before is stacked on top of each.
-  constexpr Eigen::Index kChunk = 512;
-  constexpr double kLeastCurvature = 0.1;  // of the weight
-  using Triangle = Eigen::Matrix<double, kRows, kRows>;
-  using Rows = Eigen::Matrix<double, Eigen::Dynamic, kRows, Eigen::ColMajor, kChunk + kRows, kRows>;
-  Triangle triangle = Triangle::Zero();
-  Rows rows(kChunk + kRows, static_cast<Eigen::Index>(kRows));
-  Eigen::Index filled = kRows;
+  Squeeze<kRows> rows;
   double bends = 0.0;
-  rows.topRows<kRows>().setZero();
-  const auto squeeze = [&] {
-    const Eigen::HouseholderQR<Rows> qr(rows.topRows(filled));
-    triangle = qr.matrixQR().topRows<kRows>().triangularView<Eigen::Upper>();
-    rows.topRows<kRows>() = triangle;
-    filled = kRows;
-  };
   std::visit(
       [&](const auto& kind) {
         for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
           const double e = (line.distance - measured_[n]) / sigma_[n];
           const LossValue value = annealed(kind, loss.annealing, e, traits(n));
           const double slope = value.weight * e;
-          const double root = std::sqrt(std::max(value.curvature, kLeastCurvature * value.weight));
+          const double root = curvature_root(value);
           if (root == 0.0) return;
-          rows.row(filled).head<4>() = root / sigma_[n] * line.coordinates().transpose();
-          rows(filled, 4) = slope / root;
-          if (++filled == rows.rows()) squeeze();
-          bends += bending(line, slope / sigma_[n]);
+          auto row = rows.next();
+          row.template head<4>() = root / sigma_[n] * line.coordinates().transpose();
+          row[4] = slope / root;
+          bends += line.bending(slope / sigma_[n]);
         });
       },
       loss.kind);
-  if (bends > 0.0) {
-    rows.row(filled).setZero();
-    rows(filled++, 2) = std::sqrt(bends);
-  }
-  squeeze();
+  if (bends > 0.0) rows.next()[2] = std::sqrt(bends);
+  const auto triangle = rows.triangle();
   SquareRoot out;
   out.leftCols<kUserColumns>() = triangle.leftCols<4>() * line_to_user(i);
   out.middleCols<kUserColumns>(kUserColumns) = -triangle.leftCols<4>() * line_to_user(j);
@@ -130,7 +103,7 @@ double RangeBlock::height_bending(const UserPose& i, const UserPose& j, const Lo
         for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
           const double e = (line.distance - measured_[n]) / sigma_[n];
           const double slope = annealed(kind, loss.annealing, e, traits(n)).weight * e;
-          sum += bending(line, slope / sigma_[n]);
+          sum += line.bending(slope / sigma_[n]);
         });
       },
       loss.kind);

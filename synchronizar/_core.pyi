@@ -80,6 +80,51 @@ class RangeBlock:
     def honest(self, i: UserPose, j: UserPose, loss: Late) -> Array:
         """(n,) the probability that each range is honest, given its residual."""
 
+class Device:
+    """What is wrong with a device: log of its scale, its radio's bias (m), its clock (s) beyond what is assumed."""
+
+    def __init__(self, log_scale: float = 0.0, range_bias: float = 0.0, clock_offset: float = 0.0) -> None: ...
+
+Antennas = tuple[Array, Array, Array]
+"""(n, 3) each, in the axes of a keyframe: offset from it in SLAM's lengths, lever arm (m), velocity (m/s)."""
+
+class DeviceBlock:
+    """n ranges between the same two keyframes of two devices that are not perfect (factors/device_range.h)."""
+
+    def __init__(
+        self, i: Antennas, j: Antennas, measured: Array, sigma: Array, late_odds: Array, worth: Array
+    ) -> None:
+        """Distances, sigmas, odds of being late (n,), and as how many ranges each one counts."""
+
+    def __len__(self) -> int: ...
+    def residuals(self, pose_i: UserPose, device_i: Device, pose_j: UserPose, device_j: Device) -> Array:
+        """(n,) predicted minus measured."""
+
+    def cost(
+        self,
+        pose_i: UserPose,
+        device_i: Device,
+        pose_j: UserPose,
+        device_j: Device,
+        loss: Loss,
+        annealing: float = 1.0,
+    ) -> float:
+        """The sum of the losses, each as often as it is worth."""
+
+    def square_root(
+        self,
+        pose_i: UserPose,
+        device_i: Device,
+        pose_j: UserPose,
+        device_j: Device,
+        loss: Loss,
+        annealing: float = 1.0,
+    ) -> Array:
+        """(10, 23): rows over i's F (3), H, X (3), Z, log scale, bias, clock, then j's, then the residual."""
+
+def judge(whitened: Array, sigma: Array, late_odds: Array, loss: Late) -> tuple[Array, Array, Array]:
+    """(n,) each: cost, weight and probability of being honest of ranges with these residuals."""
+
 def judge_bursts(
     t: Array, whitened: Array, sigma: Array, late_odds: Array, loss: Late, share: float, mean_duration: float
 ) -> tuple[Array, float]:

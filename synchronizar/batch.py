@@ -20,12 +20,12 @@ from synchronizar.graph import RigidGraph
 from synchronizar.initialise import Hypothesis, connected, joint_placements
 from synchronizar.mirrors import height_mirrors, reflections
 from synchronizar.model import Model
+from synchronizar.placement import SAME
 from synchronizar.samples import Samples
 
 _GAIN = 5e-3  # of log likelihood, in units of 1: a step that gains less changes nothing that could be measured
 _HOPELESS = 50.0  # of log likelihood: more than further rounds may gain
 _NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
-SAME = 0.01  # m and rad: minima that are closer are one
 _TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
 _MOST_ROUNDS = 10
 _PIECES = 12  # that a walk is cut into to draw parts of it

@@ -15,13 +15,14 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from synchronizar._core import RangeBlock, UserPose, range_residual
+from synchronizar._core import Device, DeviceBlock, RangeBlock, UserPose, range_residual
 from synchronizar.arrays import Array
 
 if TYPE_CHECKING:
     from synchronizar._core import Loss
 
 _BLOCK_NOISE = gtsam.noiseModel.Unit.Create(5)
+_DEVICE_BLOCK_NOISE = gtsam.noiseModel.Unit.Create(10)
 
 _Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
 
@@ -135,3 +136,73 @@ class RangeBlockFactor(gtsam.CustomFactor):
             return root[:, -1]
 
         super().__init__(_BLOCK_NOISE, i.keys() + j.keys(), error)
+
+
+class DeviceKeys(NamedTuple):
+    """The gtsam keys of a user whose device is not perfect; what is None is held where it is."""
+
+    frame: int | None
+    """Pose2: common_from_user, of the anchor."""
+    height: int | None
+    """double (m): the height of the user's origin in the common frame."""
+    pose: int | None
+    """Pose2: a keyframe about the anchor, in SLAM's lengths."""
+    local_height: int | None
+    """double: the keyframe's height, in SLAM's lengths."""
+    device: int
+    """Vector (3,): log scale, radio bias (m), clock offset (s) beyond the one at which antennas were read."""
+    held_frame: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """x, y, yaw, height, where `frame` is None."""
+    held_local: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """The same of the keyframe."""
+
+    def keys(self) -> list[int]:
+        """Those that are there, in the order of the Jacobians."""
+        return [key for key in self[:5] if key is not None]
+
+    def columns(self, offset: int) -> list[slice]:
+        """Where each key's columns stand in a row of the core, whose columns for this user begin at `offset`."""
+        bounds = [(0, 3), (3, 4), (4, 7), (7, 8), (8, 11)]
+        return [
+            slice(offset + begin, offset + end)
+            for key, (begin, end) in zip(self[:5], bounds, strict=True)
+            if key is not None
+        ]
+
+    def read(self, values: gtsam.Values) -> tuple[UserPose, Device]:
+        """The user's pose and its device at these values."""
+        frame, local = self.held_frame, self.held_local
+        if self.frame is not None and self.height is not None:
+            at = values.atPose2(self.frame)
+            frame = (at.x(), at.y(), at.theta(), values.atDouble(self.height))
+        if self.pose is not None and self.local_height is not None:
+            at = values.atPose2(self.pose)
+            local = (at.x(), at.y(), at.theta(), values.atDouble(self.local_height))
+        return UserPose(*frame, *local), Device(*values.atVector(self.device))
+
+
+class DeviceBlockFactor(gtsam.CustomFactor):
+    """Many ranges between the same two keyframes of two devices that are not perfect, as one factor of ten rows.
+
+    Like RangeBlockFactor: the error's norm is the loss, its rows when linearised carry the ranges' information.
+    """
+
+    def __init__(
+        self, i: DeviceKeys, j: DeviceKeys, block: DeviceBlock, loss: Loss, annealing: float = 1.0
+    ) -> None:
+        """`annealing` >= 1 widens the loss (graduated non-convexity)."""
+        columns = i.columns(0) + j.columns(11)
+
+        def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+            pose_i, device_i = i.read(values)
+            pose_j, device_j = j.read(values)
+            if jacobians is None:
+                norm = np.zeros(10)
+                norm[0] = np.sqrt(2.0 * block.cost(pose_i, device_i, pose_j, device_j, loss, annealing))
+                return norm
+            root = block.square_root(pose_i, device_i, pose_j, device_j, loss, annealing)
+            for k, which in enumerate(columns):
+                jacobians[k] = root[:, which]
+            return root[:, -1]
+
+        super().__init__(_DEVICE_BLOCK_NOISE, i.keys() + j.keys(), error)

@@ -122,3 +122,8 @@ def rotate_by_quaternions(quat_xyzw: Array, vectors: Array) -> Array:
     q, w = quat_xyzw[..., :3], quat_xyzw[..., 3:]
     t = 2.0 * np.cross(q, vectors)
     return vectors + w * t + np.cross(q, t)
+
+
+def yaw_of_quaternions(quat_xyzw: Array) -> Array:
+    """(n,) rad: the turn about z of unit quaternions (n, 4), what is left of them tilting (swing and twist)."""
+    return np.asarray(wrap_angle(2.0 * np.arctan2(quat_xyzw[..., 2], quat_xyzw[..., 3])))

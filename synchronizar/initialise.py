@@ -59,7 +59,7 @@ def joint_placements(
     alive = [Hypothesis(frames, 0.0)]
     for user in order[1:]:
         alive = _extend(samples, own, alive, users, user, model)
-    return [Hypothesis(_relative_to(h.frames, reference), h.cost) for h in alive]
+    return [Hypothesis(relative_to(h.frames, reference), h.cost) for h in alive]
 
 
 def _sights(samples: Samples, users: int) -> tuple[Array, Array]:
@@ -150,7 +150,7 @@ def _extend(
     return [h for h in grown[: model.most_hypotheses] if h.cost <= grown[0].cost + model.cost_alive]
 
 
-def _relative_to(frames: Array, reference: int) -> Array:
+def relative_to(frames: Array, reference: int) -> Array:
     """The same placements (k, 4) in the frame of the user `reference`."""
     x, y, z, yaw = frames[reference]
     c, s = np.cos(yaw), np.sin(yaw)

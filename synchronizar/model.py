@@ -37,6 +37,65 @@ class Model:
     longest_pose_gap: float = 1.0
     """A device's place is interpolated between poses that are this close in time."""
 
+    # What SLAM, radios and clocks do wrong, unless they are trusted
+    keyframe_interval: float = 1.0
+    """s: how often a pose of its own is estimated; in between SLAM's steps are taken as they are."""
+    drift_m_per_sqrt_s: float = 0.01
+    """SLAM's random walk, on each axis, also of a device that stands still;"""
+    drift_m_per_sqrt_m: float = 0.017
+    """and by the way it goes: 0.02 m in the first second of walking (Kim et al., Sensors 22(24), 2022, of ARKit)."""
+    drift_rad_per_sqrt_s: float = 0.005
+    """The same of its heading;"""
+    drift_rad_per_sqrt_m: float = 0.0085
+    """and by the way: 0.01 rad in the first second of walking."""
+    drift_tail: float = 5.0
+    """Degrees of freedom of Student's t, as which steps are distributed: a tracker that slips is no Gaussian."""
+    jump_sigma_m: float = 0.1
+    """How well a step is known that was rebuilt from its neighbours, because SLAM jumped,"""
+    jump_sigma_rad: float = 0.1
+    """and the turn within it."""
+    scale_sigma: float = 0.1
+    """Of log scale: visual-inertial odometry of small robots was seen to be 13 to 20 % off."""
+    bias_sigma: float = 0.06
+    """m, of a radio's bias where it is calibrated; an uncalibrated antenna delay adds more, for which there is"""
+    bias_tail: float = 3.0
+    """the tail of Student's t with so many degrees of freedom."""
+    clock_sigma: float = 0.1
+    """s, of a device's clock against that of the ranges."""
+
+    # How the errors of successive ranges hang together
+    multipath_sigma: float = 0.11
+    """m: what reflections, antennas and bodies add to the noise of an honest range, and keep for a while."""
+    multipath_duration: float = 2.0
+    """s: for how long. Against the truth, errors a quarter of a second apart were correlated by 0.4 to 0.7 in five
+    recordings with four kinds of radio, and by 0.1 to 0.5 after two seconds."""
+    multipath_neighbours: float = 0.3
+    """s: ranges of a pair that are closer in time tell how strongly their errors are correlated;"""
+    multipath_share: float = 0.5
+    """the correlation before any was seen,"""
+    multipath_weight: float = 50.0
+    """worth as many pairs of neighbours."""
+
+    # When SLAM jumps
+    jump_least: float = 0.12
+    """A smaller jump is left alone: a rebuilt step is itself good to about 0.1 m, so mending it would gain nothing."""
+    jump_acceleration: float = 30.0
+    """m/s^2, three g: more than hands, wheels and rotors do to a device for as long as a pose takes."""
+    jump_spread: float = 2.5
+    """A jump exceeds the 95 % quantile of the track's own unrest by this: 7 sigma where that is Gaussian."""
+    jump_neighbours: int = 3
+    """Steps on either side that say how a device moved; their median stands one that jumped."""
+    jump_turn: float = 0.4
+    """Where the attitude alone changes by more in one step, SLAM's axes may have turned about the device,"""
+    jump_rate: float = 10.0
+    """if that is faster (rad/s) than a hand turns it."""
+    jump_tilt: float = 0.1
+    """SLAM knows gravity to a degree, a rebuilt step to about this: what is less is noise of the step."""
+    jump_speed: float = 0.2
+    """Velocities (m/s) that differ by less do not tell whether axes turned: a second of walking varies as much."""
+    glitch_duration: float = 1.0
+    """An attitude that is back within this went wrong by itself: a map that was left is not found again so soon."""
+
     # Where frames may lie
     height_sigma: float = 0.15
     """How far a SLAM origin may lie above or below the others', 1 sigma: people start it in their hands."""
@@ -50,6 +109,8 @@ class Model:
     """The first user by name that moves more than this is the reference."""
 
     # How the answer is sought
+    search_sigma: float = 0.3
+    """m: how far ranges may be off in the search that takes SLAM for rigid: drift, scale, clocks, biases."""
     most_candidates: int = 16
     """Placements of one user that the search refines."""
     most_searched: int = 128

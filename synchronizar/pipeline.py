@@ -3,61 +3,45 @@
 from __future__ import annotations
 
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
 
-from synchronizar.arrays import Array
-from synchronizar.batch import Settled, solve
-from synchronizar.centre import about_origins, centred, errors_about_origins, middles
 from synchronizar.errors import InputError
+from synchronizar.full import register_full
 from synchronizar.geometry import YawFrame
-from synchronizar.graph import RigidGraph, blocks_of
-from synchronizar.initialise import connected, joint_placements
 from synchronizar.model import Model
-from synchronizar.placement import fits, placements
+from synchronizar.outcome import Outcome
 from synchronizar.recording import Recording
-from synchronizar.registration import Alternative, RangeVerdicts, Registration, State, UserRegistration
-from synchronizar.samples import Samples, samples_of
-from synchronizar.user import User
-from synchronizar.verdict import Verdict, verdicts
+from synchronizar.registration import Alternative, DeviceSigma, RangeVerdicts, Registration, State, UserRegistration
+from synchronizar.rigid import register_rigid
+from synchronizar.walks import BIAS, CLOCK
 
 
-def register(recording: Recording, reference: str | None = None, model: Model | None = None) -> Registration:
+def register(
+    recording: Recording,
+    reference: str | None = None,
+    model: Model | None = None,
+    kind: Literal["full", "rigid"] = "full",
+) -> Registration:
     """Where every user's frame lies in the reference's, how sure that is, and which ranges it rests on.
 
-    The rigid model: SLAM is trusted, one frame per user and nothing else. Raises InputError where `reference` is nobody
-    or a radio that stands still, or where nobody can be the reference. What cannot be answered is told as a state.
+    `kind` full: SLAM may drift, jump, have a wrong scale and clock, radios a bias. rigid: SLAM is trusted, one frame per
+    user and nothing else. Raises InputError where `reference` is nobody or a radio that stands still, or where nobody
+    can be the reference. What cannot be answered is told as a state.
     """
     model = model or Model()
-    users = recording.users
     began = perf_counter()
     ref = _reference(recording, reference, model)
-    samples = samples_of(recording, model)
-    placed = connected(samples, len(users), ref)
-    samples = samples[np.isin(samples.i, placed)]
-    middle = middles(samples, len(users))
-    samples = centred(samples, middle)
-    graph = RigidGraph(blocks_of(samples), users, placed, ref, model)
-    starts = joint_placements(samples, users, placed, ref, model)
-    searched = perf_counter()
-    settled = solve(samples, graph, placed, starts, model)
-    corners = _corners(recording) - middle[:, None]
-    fit = fits(settled[0], samples)
-    found = placements(settled, fit, corners, model)
-    said = verdicts(found, fit, graph, corners, model)
-    errors = errors_about_origins(found[0].frames, middle)
-    covariances = errors @ found[0].covariances @ errors.transpose(0, 2, 1)
-    frames = [about_origins(placement.frames, middle, ref) for placement in found]
+    outcome = (register_full if kind == "full" else register_rigid)(recording, ref, model)
     return Registration(
-        reference=users[ref].name,
-        model="rigid",
+        reference=recording.users[ref].name,
+        model=kind,
         method="joint",
-        users={
-            user.name: _user(user, frames[0][u], covariances[u], said[u], errors[u]) for u, user in enumerate(users)
-        },
-        alternatives=_alternatives(recording, [placement.cost for placement in found], frames),
-        ranges=_range_verdicts(recording, samples, settled[0]),
-        seconds={"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched},
+        users={user.name: _user(recording, outcome, u) for u, user in enumerate(recording.users)},
+        alternatives=_alternatives(recording, outcome),
+        ranges=_range_verdicts(recording, outcome),
+        seconds={"load": 0.0, "initialise": outcome.searched - began, "solve": perf_counter() - outcome.searched},
     )
 
 
@@ -77,61 +61,56 @@ def _reference(recording: Recording, name: str | None, model: Model) -> int:
     return user
 
 
-def _corners(recording: Recording) -> Array:
-    """Points (k, c, 3) of each user's own track that bound it: its ends, and the furthest to eight sides."""
-    sides = np.array([[1, 0, 0], [0, 1, 0], [1, 1, 0], [1, -1, 0]], dtype=float)
-    corners = np.zeros((len(recording.users), 2 + 2 * len(sides), 3))
-    for u, user in enumerate(recording.users):
-        if not user.static:
-            p = recording.tracks[user.name].position
-            along = p @ sides.T
-            corners[u] = p[[0, len(p) - 1, *along.argmin(axis=0), *along.argmax(axis=0)]]
-    return corners
-
-
-def _user(user: User, frame: Array, covariance: Array, said: Verdict | None, error: Array) -> UserRegistration:
-    """`error` (4, 4) turns the verdict's unseen direction into that of the frame about its origin."""
+def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
+    user, said, jumps = recording.users[u], outcome.said[u], outcome.jumps.get(recording.users[u].name, ())
     if said is None:
         reason = "no chain of ranges ties it to the reference"
-        return UserRegistration(user.name, State.DISCONNECTED, reason, None, None, user.static)
+        return UserRegistration(user.name, State.DISCONNECTED, reason, None, None, user.static, jumps=jumps)
+    covariance = outcome.covariances[u].copy()
     if user.static:
-        covariance = covariance.copy()
         covariance[3, :] = covariance[:, 3] = np.nan
-    unseen = None if said.unseen_direction is None else error @ said.unseen_direction
+    unseen = None if said.unseen_direction is None else outcome.errors[u] @ said.unseen_direction
+    device, sigma = outcome.device, outcome.device_sigma
+    bias, clock = (0.0, 0.0) if device is None else (float(device[u, BIAS]), float(device[u, CLOCK]))
     return UserRegistration(
         user.name,
         said.state,
         said.reason,
-        YawFrame(*frame.tolist()),
+        _frame(outcome, u, 0),
         covariance,
         user.static,
         None if unseen is None else unseen / np.linalg.norm(unseen),
         said.prior_dominated,
+        bias,
+        None if user.static and device is not None else clock,
+        None if sigma is None else DeviceSigma(*sigma[u].tolist()),
+        jumps,
+        outcome.tracks.get(user.name),
     )
 
 
-def _alternatives(recording: Recording, costs: list[float], frames: list[Array]) -> tuple[Alternative, ...]:
-    if len(frames) < 2:
+def _frame(outcome: Outcome, user: int, placement: int) -> YawFrame:
+    return YawFrame(*outcome.frames[placement][user].tolist(), float(outcome.scale[user]))
+
+
+def _alternatives(recording: Recording, outcome: Outcome) -> tuple[Alternative, ...]:
+    if len(outcome.frames) < 2:
         return ()
     return tuple(
         Alternative(
-            cost - costs[0],
-            {
-                user.name: YawFrame(*frame.tolist())
-                for user, frame in zip(recording.users, of_all, strict=True)
-                if not np.isnan(frame[0])
-            },
+            cost - outcome.costs[0],
+            {user.name: _frame(outcome, u, n) for u, user in enumerate(recording.users) if not np.isnan(frames[u, 0])},
         )
-        for cost, of_all in zip(costs, frames, strict=True)
+        for n, (cost, frames) in enumerate(zip(outcome.costs, outcome.frames, strict=True))
     )
 
 
-def _range_verdicts(recording: Recording, samples: Samples, best: Settled) -> RangeVerdicts:
-    n = len(recording.ranges)
+def _range_verdicts(recording: Recording, outcome: Outcome) -> RangeVerdicts:
+    n, row = len(recording.ranges), outcome.samples.row
     usable, used = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     weight, residual = np.zeros(n), np.full(n, np.nan)
-    usable[samples.row] = True
-    used[samples.row] = best.graph.honest(best.values) > 0.5
-    weight[samples.row] = best.graph.weights(best.values) / samples.sigma**2
-    residual[samples.row] = best.graph.residuals(best.values)
+    usable[row] = True
+    used[row] = outcome.honest > 0.5
+    weight[row] = outcome.weight
+    residual[row] = outcome.residual
     return RangeVerdicts(usable, used, weight, residual)

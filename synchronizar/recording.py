@@ -108,9 +108,7 @@ class Recording:
         poses = self.tracks[who.name].at(t, max_gap)
         if not who.antennas:
             return poses.position, poses.valid
-        # The row of zeros at the end is the one that an antenna of -1 reads.
-        levers = np.vstack([np.array(list(who.antennas.values())), np.zeros(3)])
-        return poses.position + rotate_by_quaternions(poses.quat_xyzw, levers[antenna]), poses.valid
+        return poses.position + rotate_by_quaternions(poses.quat_xyzw, who.levers[antenna]), poses.valid
 
 
 def _entries(folder: Path) -> list[Path]:

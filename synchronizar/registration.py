@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
 from synchronizar.arrays import Array, Mask
 from synchronizar.geometry import YawFrame
+from synchronizar.jumps import Jump
 from synchronizar.recording import Recording
 from synchronizar.track import Track
 
@@ -23,6 +25,16 @@ class State(StrEnum):
     DISCONNECTED = "disconnected"
 
 
+class DeviceSigma(NamedTuple):
+    """1 sigma of what is wrong with a device."""
+
+    scale: float
+    range_bias: float
+    """m."""
+    clock_offset: float
+    """s."""
+
+
 @dataclass(frozen=True)
 class UserRegistration:
     """One user's part of the answer."""
@@ -32,7 +44,7 @@ class UserRegistration:
     reason: str
     """One sentence: why the state is what it is."""
     common_from_user: YawFrame | None
-    """Its own frame in the common one; None where it is disconnected."""
+    """Its own frame in the common one, at its last pose where SLAM drifts; None where it is disconnected."""
     covariance: Array | None
     """(4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad); NaN rows for what it does not have."""
     static: bool = False
@@ -41,6 +53,16 @@ class UserRegistration:
     """(4,) unit vector over x, y, z, yaw (m and rad) that the ranges see least, where that makes it unobservable."""
     prior_dominated: tuple[str, ...] = ()
     """Which of its numbers a prior determines rather than the ranges."""
+    range_bias: float = 0.0
+    """m: what its radio adds to each range; a range of two is too long by the sum of theirs."""
+    clock_offset: float | None = 0.0
+    """s: its own stamp minus the range stamp of the same event; None for a radio that stands still."""
+    device_sigma: DeviceSigma | None = None
+    """1 sigma of its scale, range_bias and clock_offset; None where they are taken for known."""
+    jumps: tuple[Jump, ...] = ()
+    """Where its SLAM moved and it did not, in the order of time."""
+    common_track: Track | None = None
+    """Its poses in the common frame at its own stamps, SLAM's drift and jumps taken out; None where SLAM is trusted."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +125,9 @@ class Registration:
         for name, user in self.users.items():
             if user.common_from_user is None:
                 continue
-            if user.static:
+            if user.common_track is not None:
+                out[name] = user.common_track
+            elif user.static:
                 position = user.common_from_user.translation[None, :]
                 out[name] = Track(np.zeros(1), position, np.array([[0.0, 0.0, 0.0, 1.0]]))
             else:

@@ -108,10 +108,11 @@ def _user_json(user: UserRegistration) -> dict[str, Any]:
     out |= {
         "covariance": None if user.covariance is None else [[_number(x) for x in row] for row in user.covariance],
         "scale": 1.0 if frame is None else frame.scale,
-        # The rigid model takes every radio and every clock for exact.
-        "range_bias": 0.0,
-        "clock_offset": 0.0,
+        "range_bias": user.range_bias,
+        "clock_offset": user.clock_offset,
+        "sigma": None if user.device_sigma is None else {k: _number(v) for k, v in user.device_sigma._asdict().items()},
         "prior_dominated": list(user.prior_dominated),
+        "jumps": [{"t": j.t, "distance": j.distance, "turn": j.turn, "tilt": j.tilt} for j in user.jumps],
     }
     if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
         out["unseen_direction"] = dict(zip(PLACE, map(_number, user.unseen_direction), strict=True))

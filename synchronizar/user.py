@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from synchronizar.arrays import Array
+
 
 @dataclass(frozen=True)
 class User:
@@ -19,6 +23,11 @@ class User:
     """m, 1 sigma: how far its origin may lie above or below the others'; None leaves it to the model."""
     antennas: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Lever arm (m) of each named antenna in the body frame; none: one antenna at the origin."""
+
+    @property
+    def levers(self) -> Array:
+        """(m + 1, 3) m: the lever arms in their order; the row of zeros at the end is the one that -1 reads."""
+        return np.array([*self.antennas.values(), (0.0, 0.0, 0.0)])
 
     def __post_init__(self) -> None:
         if self.height_sigma is not None and not 0.0 < self.height_sigma < float("inf"):

@@ -24,6 +24,7 @@ FLOORS = (
     {"walkers", "radios"},
     {"simulate"},
     {"model"},
+    {"jumps"},
     {"samples"},
     {"centre"},
     {"registration"},

@@ -1,0 +1,47 @@
+// Many ranges between the same two keyframes of two devices, evaluated in one call (device_range.h).
+#pragma once
+
+#include "factors/device_range.h"
+#include "factors/range_block.h"
+
+namespace synchronizar {
+
+// The antennas of one end: N rows each.
+struct Antennas {
+  Points offset, lever, velocity;
+
+  Antenna at(Eigen::Index n) const { return {offset.row(n), lever.row(n), velocity.row(n)}; }
+};
+
+class DeviceBlock {
+ public:
+  // N antennas at each end, N measured distances (m), their sigmas (m, > 0), odds of being late (>= 0), and
+  // what each is worth (> 0): the loss of a range is taken as often, for errors that hang together tell less
+  // than their number. The caller has checked the shapes.
+  DeviceBlock(Antennas i, Antennas j, Column measured, Column sigma, Column late_odds, Column worth);
+
+  Eigen::Index size() const { return measured_.size(); }
+
+  // Predicted minus measured (m), N of them.
+  Column residuals(const UserPose& pose_i, const Device& device_i, const UserPose& pose_j,
+                   const Device& device_j) const;
+
+  // The sum of the losses, each as often as it is worth.
+  double cost(const UserPose& pose_i, const Device& device_i, const UserPose& pose_j, const Device& device_j,
+              const Loss& loss) const;
+
+  // A quadratic model of the cost, as RangeBlock's: ten rows [A b] over i's columns, j's columns and a residual.
+  // Nine numbers are what a range's row can be made of: the line's four, the bias, two scales and two clocks.
+  static constexpr int kRows = 10;
+  using SquareRoot = Eigen::Matrix<double, kRows, 2 * kUserAndDeviceColumns + 1>;
+  SquareRoot square_root(const UserPose& pose_i, const Device& device_i, const UserPose& pose_j,
+                         const Device& device_j, const Loss& loss) const;
+
+ private:
+  RangeTraits traits(Eigen::Index n) const { return {sigma_[n], late_odds_[n]}; }
+
+  Antennas i_, j_;
+  Column measured_, sigma_, late_odds_, worth_;
+};
+
+}  // namespace synchronizar

@@ -1,0 +1,401 @@
+"""Anchored pose graphs (Kim et al., ICRA 2010): everybody's SLAM bends where the ranges say so. Hands out the keys.
+
+Per user a frame F and a height H of its anchor in the common frame; per keyframe a pose X and a height Z about the
+anchor, the first held at SLAM's own; per device a vector of log scale, radio bias and clock offset. SLAM's steps tie
+the keyframes, ranges tie the users (factors/device_range.h).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+
+from synchronizar._core import DeviceBlock, Late, judge, judge_bursts
+from synchronizar.arrays import Array, Indices
+from synchronizar.factors import DeviceBlockFactor, DeviceKeys
+from synchronizar.geometry import apply_frames, rotation_2d
+from synchronizar.graph import height_sigma_of, late_loss
+from synchronizar.keyframes import Ends, Keyframes, ends_of
+from synchronizar.model import Model
+from synchronizar.optimize import optimize
+from synchronizar.recording import Recording
+from synchronizar.samples import Samples, pairs
+from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, antennas, begin, flattened, steps
+from synchronizar.worth import worth, worth_before
+
+_MOST_KEYFRAMES = 10**7  # of a user: keys are numbered user by user
+_LEVEL = gtsam.symbol("L", 0)  # double (m): the height that all origins lie about
+_STALE_CLOCK = 0.005  # s: antennas that were read for a clock further off are read anew
+_GAIN = 0.05  # of log likelihood: what gains less changes nothing that could be measured
+_ITERATIONS = 10
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is held while the variables are sought, and sought anew when they were found."""
+
+    late_odds: Array
+    """(n,) of each range, its neighbours in time considered."""
+    worth: Array
+    """(n,) as how many independent ranges each counts."""
+    step_weight: list[Array]
+    """Of each user (m - 1,): how far each of SLAM's steps is believed; Student's t."""
+    bias_weight: Array
+    """(k,) the same of the radio's bias being small."""
+
+
+class AnchoredGraph:
+    """The graph of some samples; keyframes as they are given."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        samples: Samples,
+        keyframes: list[Keyframes],
+        placed: list[int],
+        reference: int,
+        model: Model,
+    ):
+        """`recording` has mended tracks; `placed` are the users that take part, the reference among them."""
+        self.recording, self.samples, self.keyframes = recording, samples, keyframes
+        self.users = recording.users
+        self.placed, self.reference = placed, reference
+        self.free = [u for u in placed if u != reference]
+        self.model = model
+        self.sigma = np.hypot(samples.sigma, model.multipath_sigma)
+        self._loss: Late = late_loss(model)
+        self._from_level = np.array([height_sigma_of(user, model) for user in self.users]) / np.sqrt(2.0)
+        self._links = _links(recording, samples)
+        self._read_antennas(np.zeros(len(self.users)))
+
+    def _read_antennas(self, clock_offset: Array) -> None:
+        s = self.samples
+        self._clock = clock_offset.copy()
+        self._ends: tuple[Ends, Ends] = (
+            ends_of(self.recording, s, s.i, self.keyframes, clock_offset),
+            ends_of(self.recording, s, s.j, self.keyframes, clock_offset),
+        )
+        i, j = self._ends
+        changes = np.diff(s.i) | np.diff(s.j) | np.diff(i.keyframe) | np.diff(j.keyframe)
+        self._bounds = np.concatenate([[0], np.flatnonzero(changes) + 1, [len(s)]])
+
+    def begin(self, frames: Array, device: Array | None = None) -> Walks:
+        """SLAM as it is, laid at frames (k, 4) of the anchors."""
+        return begin(frames, self.keyframes, np.zeros((len(self.users), 3)) if device is None else device)
+
+    # What the samples say of some walks
+
+    def residuals(self, walks: Walks) -> Array:
+        """(n,) m, predicted minus measured."""
+        s = self.samples
+        i = antennas(walks, s.i, self._ends[0], self._clock)
+        j = antennas(walks, s.j, self._ends[1], self._clock)
+        q_i, q_j = (apply_frames(walks.frames[who], p) for who, p in ((s.i, i), (s.j, j)))
+        bias = walks.device[s.i, BIAS] + walks.device[s.j, BIAS]
+        return np.asarray(np.linalg.norm(q_i - q_j, axis=1) + bias - s.distance)
+
+    def flattened(self, walks: Walks) -> Samples:
+        """The samples as a rigid model would have them: drift, scale, clocks and biases taken out."""
+        return replace(flattened(self.samples, walks, self._ends, self._clock), sigma=self.sigma)
+
+    def honest(self, walks: Walks, judgement: Judgement) -> tuple[Array, Array]:
+        """(n,) each: the weight that the loss gives each range, and the probability that it is honest."""
+        whitened = self.residuals(walks) / self.sigma
+        _, weight, honest = judge(whitened, self.sigma, judgement.late_odds, self._loss)
+        return weight, honest
+
+    # What is judged between two searches
+
+    def first_judgement(self) -> Judgement:
+        """Nothing is known yet."""
+        weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
+        first = worth_before(self.samples, self.model)
+        return Judgement(self.samples.late_odds, first, weights, np.ones(len(self.users)))
+
+    def judged(self, walks: Walks, before: Judgement, measure_worth: bool) -> tuple[Judgement, float]:
+        """How late, how believable everything is at these walks; and their negative log likelihood.
+
+        The cost is that of the worth before, so that costs of graphs with the same worth can be compared.
+        """
+        m, s = self.model, self.samples
+        whitened = self.residuals(walks) / self.sigma
+        odds, cost = np.empty(len(s)), 0.0
+        for pair in pairs(s):
+            k = pair.samples
+            odds[k], chain = judge_bursts(
+                s.t[k], whitened[k], self.sigma[k], s.late_odds[k], self._loss, m.late_share, m.late_duration
+            )
+            cost += chain * float(before.worth[k].mean())
+        weights = []
+        for u in range(len(self.users)):
+            if u in self.placed:
+                squares = (steps(walks.local[u], self.keyframes[u]) ** 2).sum(axis=1)
+                weight, tail = _student(squares, m.drift_tail, 4)
+                cost += tail
+            else:
+                weight = np.ones(len(self.keyframes[u].step_sigma))
+            weights.append(weight)
+        bias_weight, tail = _student((walks.device[:, BIAS] / m.bias_sigma) ** 2, m.bias_tail, 1)
+        cost += tail + self._prior_cost(walks)
+        measured = before.worth
+        if measure_worth:
+            _, weight, _ = judge(whitened, self.sigma, odds, self._loss)
+            measured = worth(s, self.sigma, whitened, weight, self._links, m)
+        return Judgement(odds, measured, weights, bias_weight), cost
+
+    def _prior_cost(self, walks: Walks) -> float:
+        m = self.model
+        device = walks.device[self.placed]
+        squares = (device[:, SCALE] / m.scale_sigma) ** 2 + (device[:, CLOCK] / m.clock_sigma) ** 2
+        heights, weight = walks.frames[self.placed, 2], self._from_level[self.placed] ** -2
+        level = float(weight @ heights / weight.sum())
+        return 0.5 * float(squares.sum() + (weight * (heights - level) ** 2).sum())
+
+    # The graph
+
+    def settle(
+        self, walks: Walks, judgement: Judgement, rounds: int, annealing: float = 1.0, measure_worth: bool = False
+    ) -> tuple[Walks, Judgement, float]:
+        """Find the walks and judge what is late in turn (expectation maximisation), until neither changes."""
+        about, before = walks.frames, np.inf
+        for _ in range(rounds):
+            if np.abs(walks.device[:, CLOCK] - self._clock).max() > _STALE_CLOCK:
+                self._read_antennas(walks.device[:, CLOCK])
+            judgement, cost = self.judged(walks, judgement, measure_worth)
+            if before - cost < _GAIN and not measure_worth:
+                break
+            before = cost
+            factors = self.factors(about, judgement, annealing)
+            values = optimize(factors, self.values(walks), self.ordering(), _ITERATIONS, 0.25 * _GAIN)
+            walks = self.walks(values, walks)
+        judgement, cost = self.judged(walks, judgement, False)
+        return walks, judgement, cost
+
+    def factors(self, about: Array, judgement: Judgement, annealing: float = 1.0) -> gtsam.NonlinearFactorGraph:
+        """Priors, with those of places and headings, which say nothing, about frames (k, 4); SLAM's steps; ranges."""
+        graph = gtsam.NonlinearFactorGraph()
+        self._add_priors(graph, about, judgement)
+        for u in self.placed:
+            self._add_steps(graph, u, judgement.step_weight[u])
+        s, (i, j) = self.samples, self._ends
+        for begin_, end in zip(self._bounds[:-1], self._bounds[1:], strict=True):
+            k = slice(begin_, end)
+            block = DeviceBlock(
+                (i.offset[k], i.lever[k], i.velocity[k]),
+                (j.offset[k], j.lever[k], j.velocity[k]),
+                s.distance[k],
+                self.sigma[k],
+                judgement.late_odds[k],
+                judgement.worth[k],
+            )
+            keys_i = self.keys(int(s.i[begin_]), int(i.keyframe[begin_]))
+            keys_j = self.keys(int(s.j[begin_]), int(j.keyframe[begin_]))
+            graph.add(DeviceBlockFactor(keys_i, keys_j, block, self._loss, annealing))
+        return graph
+
+    def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, judgement: Judgement) -> None:
+        m, noise = self.model, gtsam.noiseModel
+        wide = noise.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, m.yaw_sigma]))
+        for u in self.free:
+            x, y, _, yaw = about[u].tolist()
+            graph.addPriorPose2(_frame(u), gtsam.Pose2(x, y, yaw), wide)
+            graph.add(gtsam.BetweenFactorDouble(_LEVEL, _height(u), 0.0, noise.Isotropic.Sigma(1, self._from_level[u])))
+        for u in self.placed:
+            bias = m.bias_sigma / np.sqrt(judgement.bias_weight[u])
+            sigmas = noise.Diagonal.Sigmas(np.array([m.scale_sigma, bias, m.clock_sigma]))
+            graph.addPriorVector(_device(u), np.array([0.0, 0.0, -self._clock[u]]), sigmas)
+        graph.addPriorDouble(_LEVEL, 0.0, noise.Isotropic.Sigma(1, self._from_level[self.reference]))
+
+    def _add_steps(self, graph: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:
+        """SLAM's steps, the first from a keyframe that is held."""
+        noise, frames = gtsam.noiseModel, self.keyframes[user]
+        sigmas = frames.step_sigma / np.sqrt(weight)[:, None]
+        ways = np.diff(frames.place - frames.anchor, axis=0).tolist()
+        for n, ((x, y, z), (plane, up, turn)) in enumerate(zip(ways, sigmas.tolist(), strict=True)):
+            level, height = noise.Diagonal.Sigmas(np.array([plane, plane, turn])), noise.Isotropic.Sigma(1, up)
+            if n == 0:
+                graph.addPriorPose2(_pose(user, 1), gtsam.Pose2(x, y, 0.0), level)
+                graph.addPriorDouble(_local_height(user, 1), float(frames.place[0, 2]) + z, height)
+            else:
+                here, there = _pose(user, n), _pose(user, n + 1)
+                graph.add(gtsam.BetweenFactorPose2(here, there, gtsam.Pose2(x, y, 0.0), level))
+                here, there = _local_height(user, n), _local_height(user, n + 1)
+                graph.add(gtsam.BetweenFactorDouble(here, there, z, height))
+
+    def keys(self, user: int, keyframe: int) -> DeviceKeys:
+        """Those of a user at a keyframe: the reference's frame and everybody's first keyframe are held."""
+        free, first = user != self.reference, keyframe == 0
+        return DeviceKeys(
+            _frame(user) if free else None,
+            _height(user) if free else None,
+            None if first else _pose(user, keyframe),
+            None if first else _local_height(user, keyframe),
+            _device(user),
+            held_local=(0.0, 0.0, 0.0, float(self.keyframes[user].place[0, 2])),
+        )
+
+    def ordering(self, last: list[int] | None = None) -> gtsam.Ordering:
+        """Keyframes in the order of time, then what all of them share: a band with a narrow border."""
+        return _ordering([*self._keyframe_keys(set(last or [])), *self._shared_keys(), *(last or [])])
+
+    def _keyframe_keys(self, without: set[int]) -> Iterator[int]:
+        stamps = [
+            (t - self._clock[u], u, n + 1) for u in self.placed for n, t in enumerate(self.keyframes[u].t[1:].tolist())
+        ]
+        for _, u, n in sorted(stamps):
+            for key in (_pose(u, n), _local_height(u, n)):
+                if key not in without:
+                    yield key
+
+    def _shared_keys(self) -> list[int]:
+        frames = [key for u in self.free for key in (_frame(u), _height(u))]
+        return [*frames, *(_device(u) for u in self.placed), _LEVEL]
+
+    def values(self, walks: Walks) -> gtsam.Values:
+        """gtsam's values at these walks."""
+        values = gtsam.Values()
+        for u in self.placed:
+            if u != self.reference:
+                x, y, z, yaw = walks.frames[u].tolist()
+                values.insert(_frame(u), gtsam.Pose2(x, y, yaw))
+                values.insert(_height(u), z)
+            values.insert(_device(u), walks.device[u] - np.array([0.0, 0.0, self._clock[u]]))
+            for n, (x, y, z, yaw) in enumerate(walks.local[u].tolist()):
+                if n > 0:
+                    values.insert(_pose(u, n), gtsam.Pose2(x, y, yaw))
+                    values.insert(_local_height(u, n), z)
+        weight = self._from_level[self.placed] ** -2
+        values.insert(_LEVEL, float(weight @ walks.frames[self.placed, 2] / weight.sum()))
+        return values
+
+    def walks(self, values: gtsam.Values, before: Walks) -> Walks:
+        """The walks at these values; what is not among them stays as it was before."""
+        frames, device = before.frames.copy(), before.device.copy()
+        local = [of_user.copy() for of_user in before.local]
+        for u in self.placed:
+            if u != self.reference:
+                at = values.atPose2(_frame(u))
+                frames[u] = at.x(), at.y(), values.atDouble(_height(u)), at.theta()
+            device[u] = values.atVector(_device(u))
+            device[u, CLOCK] += self._clock[u]
+            for n in range(1, len(local[u])):
+                at = values.atPose2(_pose(u, n))
+                local[u][n] = at.x(), at.y(), values.atDouble(_local_height(u, n)), at.theta()
+        return Walks(frames, local, device)
+
+    # How sure it is
+
+    def covariances(self, walks: Walks, judgement: Judgement) -> tuple[Array, Array]:
+        """How sure the walks are, by Laplace's method: of the last poses (k, 6, 6) and of the devices (k, 3).
+
+        The former are covariances of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last
+        keyframe, in its log scale and in the reference's; the latter variances of log scale, bias (m) and clock (s). NaN
+        for users that are not placed.
+        """
+        k = len(self.users)
+        poses, devices = np.full((k, 6, 6), np.nan), np.full((k, 3), np.nan)
+        wanted = [
+            key
+            for u in self.placed
+            if (last := len(self.keyframes[u]) - 1) > 0
+            for key in (_pose(u, last), _local_height(u, last))
+        ]
+        linear = self.factors(walks.frames, judgement).linearize(self.values(walks))
+        others = _ordering(list(self._keyframe_keys(set(wanted))))
+        if others.size():
+            _, linear = linear.eliminatePartialSequential(others)
+        kept = [*self._shared_keys(), *wanted]
+        jacobian, _ = linear.jacobian(_ordering(kept))
+        # Columns of unit length, and a QR that never squares them: the system may be nearly singular.
+        size = np.linalg.norm(jacobian, axis=0)
+        root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
+        rows = dict(zip(kept, _rows(kept), strict=True))
+        for u in self.placed:
+            devices[u] = (root[rows[_device(u)]] ** 2).sum(axis=1)
+            error = np.zeros((6, root.shape[1]))
+            for key, by in self._last_pose_by_keys(walks, u).items():
+                error += by @ root[rows[key]]
+            error[5] = root[rows[_device(self.reference)]][SCALE]
+            poses[u] = error @ error.T
+        return poses, devices
+
+    def _last_pose_by_keys(self, walks: Walks, user: int) -> dict[int, Array]:
+        """Derivatives (6, d) of x, y, z, yaw of the last keyframe, and log scale, by the variables they hang on."""
+        x, y, z, chi = walks.local[user][-1]
+        yaw, scale = walks.frames[user, 3], float(np.exp(walks.device[user, SCALE]))
+        arm = scale * rotation_2d(yaw) @ np.array([x, y])
+        by_device = np.zeros((6, 3))
+        by_device[:3, SCALE] = *arm, scale * z
+        by_device[4, SCALE] = 1.0
+        out = {_device(user): by_device}
+        if user != self.reference:
+            by_frame = np.zeros((6, 3))
+            by_frame[:2, :2] = rotation_2d(yaw)
+            by_frame[:4, 2] = -arm[1], arm[0], 0.0, 1.0
+            out[_frame(user)] = by_frame
+            out[_height(user)] = np.eye(6)[:, 2:3]
+        last = len(self.keyframes[user]) - 1
+        if last > 0:
+            by_pose = np.zeros((6, 3))
+            by_pose[:2, :2] = scale * rotation_2d(yaw + chi)
+            by_pose[3, 2] = 1.0
+            out[_pose(user, last)] = by_pose
+            out[_local_height(user, last)] = scale * np.eye(6)[:, 2:3]
+        return out
+
+    def prior_variances(self, user: int) -> Array:
+        """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
+        m = self.model
+        height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
+        return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
+
+
+def _frame(user: int) -> int:
+    return int(gtsam.symbol("F", user))
+
+
+def _height(user: int) -> int:
+    return int(gtsam.symbol("H", user))
+
+
+def _device(user: int) -> int:
+    return int(gtsam.symbol("D", user))
+
+
+def _pose(user: int, keyframe: int) -> int:
+    return int(gtsam.symbol("X", user * _MOST_KEYFRAMES + keyframe))
+
+
+def _local_height(user: int, keyframe: int) -> int:
+    return int(gtsam.symbol("Z", user * _MOST_KEYFRAMES + keyframe))
+
+
+def _rows(keys: list[int]) -> list[slice]:
+    """Where each key's rows stand when all stand below each other."""
+    size = {ord("F"): 3, ord("X"): 3, ord("D"): 3}
+    bounds = np.concatenate([[0], np.cumsum([size.get(gtsam.symbolChr(key), 1) for key in keys])])
+    return [slice(int(a), int(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+
+
+def _ordering(keys: list[int]) -> gtsam.Ordering:
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    return ordering
+
+
+def _student(squares: Array, freedom: float, dimension: int) -> tuple[Array, float]:
+    """Of Student's t, given squared Mahalanobis distances: the weights of its scale mixture, and its cost."""
+    weight = (freedom + dimension) / (freedom + squares)
+    return weight, float(0.5 * (freedom + dimension) * np.log1p(squares / freedom).sum())
+
+
+def _links(recording: Recording, samples: Samples) -> Indices:
+    """(n,) a number for each two antennas that measure."""
+    a, b = recording.ranges.antenna_a[samples.row], recording.ranges.antenna_b[samples.row]
+    swapped = recording.ranges.a[samples.row] != samples.i
+    many = int(max(a.max(initial=0), b.max(initial=0))) + 2
+    return np.where(swapped, (b + 1) * many + a + 1, (a + 1) * many + b + 1).astype(np.int32)

@@ -1,0 +1,123 @@
+"""Where each device's SLAM says it was, about once a second, and how far the steps in between can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices, freeze_arrays
+from synchronizar.geometry import rotate_by_quaternions
+from synchronizar.jumps import Mended
+from synchronizar.model import Model
+from synchronizar.recording import Recording
+from synchronizar.samples import Samples
+from synchronizar.track import Track
+from synchronizar.user import User
+
+_REACH = 0.1  # s: over which to either side a velocity is taken
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """n poses of one device in its own frame, jumps mended; one at the origin for a radio that stands still."""
+
+    t: Array
+    """(n,) s, own stamps."""
+    place: Array
+    """(n, 3) SLAM's lengths."""
+    step_sigma: Array
+    """(n - 1, 3): 1 sigma of each step in the plane (m, each axis), in height (m) and in heading (rad)."""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def anchor(self) -> Array:
+        """(3,) what the device's own frame is solved about: its first place, but its own origin in height."""
+        return self.place[0] * np.array([1.0, 1.0, 0.0])
+
+    def nearest(self, t: Array) -> Indices:
+        """(m,) the keyframe next to each own time."""
+        return np.searchsorted(0.5 * (self.t[1:] + self.t[:-1]), t).astype(np.int32)
+
+
+STANDING = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)))
+"""Of a radio that stands still."""
+
+
+def keyframes_of(mended: Mended, interval: float, model: Model) -> Keyframes:
+    """Every `interval` s at most, at both ends of the track, and on both sides of each jump and gap."""
+    track, segment = mended.track, mended.segment
+    broken = (np.diff(segment) != 0) | (np.diff(track.t) > model.longest_pose_gap)
+    begins = np.concatenate([[0], np.flatnonzero(broken) + 1])
+    ends = np.concatenate([begins[1:], [len(track)]]) - 1
+    picked = [_spread(track.t, int(a), int(b), interval) for a, b in zip(begins, ends, strict=True)]
+    at = np.concatenate(picked)
+
+    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
+    dt, way = np.diff(track.t[at]), np.diff(gone[at])
+    jumped = np.diff(segment[at]) != 0
+    metres = np.sqrt(model.drift_m_per_sqrt_s**2 * dt + model.drift_m_per_sqrt_m**2 * way)
+    radians = np.sqrt(model.drift_rad_per_sqrt_s**2 * dt + model.drift_rad_per_sqrt_m**2 * way)
+    metres = np.where(jumped, model.jump_sigma_m, metres)
+    radians = np.where(jumped, model.jump_sigma_rad, radians)
+    return Keyframes(track.t[at], track.position[at], np.column_stack([metres, metres, radians]))
+
+
+def _spread(t: Array, begin: int, end: int, interval: float) -> Indices:
+    """Indices from begin to end, both among them, about evenly spaced in time by at most `interval`."""
+    count = max(1, int(np.ceil((t[end] - t[begin]) / interval)))
+    wanted = np.linspace(t[begin], t[end], count + 1)
+    return np.unique(np.clip(np.searchsorted(t, wanted), begin, end)).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class Ends:
+    """What n ranges see of one of their two devices: the antenna beside its keyframe, in the keyframe's axes."""
+
+    keyframe: Indices
+    """(n,)"""
+    offset: Array
+    """(n, 3) from the keyframe, SLAM's lengths."""
+    lever: Array
+    """(n, 3) m, from there to the antenna."""
+    velocity: Array
+    """(n, 3) m/s, of the antenna."""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+def ends_of(
+    recording: Recording, samples: Samples, who: Indices, keyframes: list[Keyframes], clock_offset: Array
+) -> Ends:
+    """The end `who` (n,) of each sample, read from the tracks at range time + clock_offset (k,) of the user."""
+    n = len(samples)
+    ranges, row = recording.ranges, samples.row
+    antenna = np.where(ranges.a[row] == who, ranges.antenna_a[row], ranges.antenna_b[row])
+    keyframe = np.zeros(n, dtype=np.int32)
+    offset, lever, velocity = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    for u, user in enumerate(recording.users):
+        mine = np.flatnonzero(who == u)
+        if user.static or not len(mine):
+            continue
+        track = recording.tracks[user.name]
+        t = np.clip(samples.t[mine] + clock_offset[u], track.t[0], track.t[-1])
+        place, arm = _antennas(track, user, t, antenna[mine])
+        before, after = np.maximum(t - _REACH, track.t[0]), np.minimum(t + _REACH, track.t[-1])
+        begin, end = sum(_antennas(track, user, before, antenna[mine])), sum(_antennas(track, user, after, antenna[mine]))
+        keyframe[mine] = keyframes[u].nearest(t)
+        offset[mine] = place - keyframes[u].place[keyframe[mine]]
+        lever[mine] = arm
+        velocity[mine] = (end - begin) / np.maximum(after - before, 1e-3)[:, None]
+    return Ends(keyframe, offset, lever, velocity)
+
+
+def _antennas(track: Track, user: User, t: Array, antenna: Indices) -> tuple[Array, Array]:
+    """(n, 3) each: where the device was, and the lever arms from there to its antennas."""
+    poses = track.at(t, np.inf)
+    return poses.position, rotate_by_quaternions(poses.quat_xyzw, user.levers[antenna])

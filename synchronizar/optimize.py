@@ -1,0 +1,43 @@
+"""Gauss-Newton on gtsam's graphs.
+
+gtsam's own optimisers hand a CustomFactor their own Values, which are copied for every single call: with n keyframes
+a step costs n^2. Linearised from here, the factors see the Values that Python holds.
+"""
+
+from __future__ import annotations
+
+import gtsam
+
+_SUFFICIENT = 1e-4  # of the gain that the linear model promises (Armijo)
+_SHORTER = 0.4
+_SHORTEST = 1e-3
+
+
+def optimize(
+    factors: gtsam.NonlinearFactorGraph, start: gtsam.Values, ordering: gtsam.Ordering, iterations: int, gain: float
+) -> gtsam.Values:
+    """A minimum: full steps, or as much of them as lowers the cost; until a step gains less than `gain`.
+
+    Our blocks are positive semidefinite models with the exact gradient, so a step never leads uphill at first.
+    """
+    values, cost = start, factors.error(start)
+    for _ in range(iterations):
+        linear = factors.linearize(values)
+        step = linear.optimize(ordering)
+        promised = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)
+        if promised < gain:
+            break
+        length = 1.0
+        while True:
+            tried = values.retract(step if length == 1.0 else step.scale(length))
+            tried_cost = factors.error(tried)
+            if cost - tried_cost > _SUFFICIENT * length * promised:
+                break
+            length *= _SHORTER
+            if length < _SHORTEST:
+                return values
+        gained = cost - tried_cost
+        values, cost = tried, tried_cost
+        if gained < gain:
+            break
+    return values

@@ -1,0 +1,46 @@
+"""What either model hands back, to be told as a Registration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from synchronizar.arrays import Array
+from synchronizar.jumps import Jump
+from synchronizar.samples import Samples
+from synchronizar.track import Track
+from synchronizar.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The solution for k users; everything about their own origins, in the common frame as it is told."""
+
+    searched: float
+    """By perf_counter: when the search was over and the solving began."""
+    said: list[Verdict | None]
+    """Of each user; None for those that no chain of ranges ties to the reference."""
+    costs: list[float]
+    """Negative log likelihoods of the joint placements, best first."""
+    frames: list[Array]
+    """Of each joint placement (k, 4) x, y, z, yaw: common_from_user; NaN where it is not placed."""
+    covariances: Array
+    """(k, 4, 4) of the best one's."""
+    errors: Array
+    """(k, 4, 4): turns the direction that a verdict calls unseen into one of `frames`."""
+    scale: Array
+    """(k,) metres in each user's own unit of length."""
+    samples: Samples
+    weight: Array
+    """(n,) 1/m^2, of each sample."""
+    honest: Array
+    """(n,) the probability that each is."""
+    residual: Array
+    """(n,) m, measured minus predicted."""
+    device: Array | None = None
+    """(k, 3) scale, radio bias (m), clock offset (s); None where they are taken for perfect."""
+    device_sigma: Array | None = None
+    """(k, 3) 1 sigma of them."""
+    tracks: Mapping[str, Track] = field(default_factory=dict)
+    """Corrected tracks in the common frame, where SLAM is not trusted."""
+    jumps: Mapping[str, tuple[Jump, ...]] = field(default_factory=dict)
