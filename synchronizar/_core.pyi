@@ -91,9 +91,7 @@ Antennas = tuple[Array, Array, Array]
 class DeviceBlock:
     """n ranges between the same two keyframes of two devices that are not perfect (factors/device_range.h)."""
 
-    def __init__(
-        self, i: Antennas, j: Antennas, measured: Array, sigma: Array, late_odds: Array, worth: Array
-    ) -> None:
+    def __init__(self, i: Antennas, j: Antennas, measured: Array, sigma: Array, late_odds: Array, worth: Array) -> None:
         """Distances, sigmas, odds of being late (n,), and as how many ranges each one counts."""
 
     def __len__(self) -> int: ...

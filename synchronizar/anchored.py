@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from synchronizar._core import DeviceBlock, Late, judge, judge_bursts
 from synchronizar.arrays import Array, Indices
 from synchronizar.factors import DeviceBlockFactor, DeviceKeys
-from synchronizar.geometry import apply_frames, rotation_2d
+from synchronizar.geometry import apply_frames, rotation_2d, wrap_angle
 from synchronizar.graph import height_sigma_of, late_loss
 from synchronizar.keyframes import Ends, Keyframes, ends_of
 from synchronizar.model import Model
@@ -28,9 +29,12 @@ from synchronizar.worth import worth, worth_before
 
 _MOST_KEYFRAMES = 10**7  # of a user: keys are numbered user by user
 _LEVEL = gtsam.symbol("L", 0)  # double (m): the height that all origins lie about
+_KIND = gtsam.symbol("K", 0)  # Vector (3,): what all devices of a recording have in common, being of a kind
 _STALE_CLOCK = 0.005  # s: antennas that were read for a clock further off are read anew
 _GAIN = 0.05  # of log likelihood: what gains less changes nothing that could be measured
+_GAIN_A_RANGE = 2e-6  # nor does what gains less a range
 _ITERATIONS = 10
+_NOISE_ROUNDS = 10
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,18 @@ class Judgement:
     """(n,) as how many independent ranges each counts."""
     step_weight: list[Array]
     """Of each user (m - 1,): how far each of SLAM's steps is believed; Student's t."""
-    bias_weight: Array
-    """(k,) the same of the radio's bias being small."""
+
+
+class Sureness(NamedTuple):
+    """NaN for users that are not placed."""
+
+    poses: Array
+    """(k, 6, 6) covariances of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last keyframe,
+    in its log scale and in the reference's."""
+    relative: Array
+    """(k, 4, 4) those of x, y, z, yaw as seen from the reference's last keyframe."""
+    devices: Array
+    """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
 
 
 class AnchoredGraph:
@@ -80,7 +94,7 @@ class AnchoredGraph:
         )
         i, j = self._ends
         changes = np.diff(s.i) | np.diff(s.j) | np.diff(i.keyframe) | np.diff(j.keyframe)
-        self._bounds = np.concatenate([[0], np.flatnonzero(changes) + 1, [len(s)]])
+        self._bounds = np.unique(np.concatenate([[0], np.flatnonzero(changes) + 1, [len(s)]]))
 
     def begin(self, frames: Array, device: Array | None = None) -> Walks:
         """SLAM as it is, laid at frames (k, 4) of the anchors."""
@@ -113,12 +127,12 @@ class AnchoredGraph:
         """Nothing is known yet."""
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         first = worth_before(self.samples, self.model)
-        return Judgement(self.samples.late_odds, first, weights, np.ones(len(self.users)))
+        return Judgement(self.samples.late_odds, first, weights)
 
-    def judged(self, walks: Walks, before: Judgement, measure_worth: bool) -> tuple[Judgement, float]:
+    def judged(self, walks: Walks, before: Judgement) -> tuple[Judgement, float]:
         """How late, how believable everything is at these walks; and their negative log likelihood.
 
-        The cost is that of the worth before, so that costs of graphs with the same worth can be compared.
+        Costs of graphs with the same samples and worth can be compared.
         """
         m, s = self.model, self.samples
         whitened = self.residuals(walks) / self.sigma
@@ -129,49 +143,47 @@ class AnchoredGraph:
                 s.t[k], whitened[k], self.sigma[k], s.late_odds[k], self._loss, m.late_share, m.late_duration
             )
             cost += chain * float(before.worth[k].mean())
-        weights = []
-        for u in range(len(self.users)):
-            if u in self.placed:
-                squares = (steps(walks.local[u], self.keyframes[u]) ** 2).sum(axis=1)
-                weight, tail = _student(squares, m.drift_tail, 4)
-                cost += tail
-            else:
-                weight = np.ones(len(self.keyframes[u].step_sigma))
-            weights.append(weight)
-        bias_weight, tail = _student((walks.device[:, BIAS] / m.bias_sigma) ** 2, m.bias_tail, 1)
-        cost += tail + self._prior_cost(walks)
-        measured = before.worth
-        if measure_worth:
-            _, weight, _ = judge(whitened, self.sigma, odds, self._loss)
-            measured = worth(s, self.sigma, whitened, weight, self._links, m)
-        return Judgement(odds, measured, weights, bias_weight), cost
+        weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
+        for u in self.placed:
+            squares = (steps(walks.local[u], self.keyframes[u]) ** 2).sum(axis=1)
+            weights[u], tail = _student(squares, m.drift_tail, 4)
+            cost += tail
+        return Judgement(odds, before.worth, weights), cost + self._prior_cost(walks)
+
+    def measured(self, walks: Walks, judgement: Judgement) -> Judgement:
+        """The same, what ranges are worth measured on their residuals."""
+        whitened = self.residuals(walks) / self.sigma
+        _, weight, _ = judge(whitened, self.sigma, judgement.late_odds, self._loss)
+        return replace(judgement, worth=worth(self.samples, self.sigma, whitened, weight, self._links, self.model))
 
     def _prior_cost(self, walks: Walks) -> float:
-        m = self.model
+        own, common = device_sigmas(self.model)
         device = walks.device[self.placed]
-        squares = (device[:, SCALE] / m.scale_sigma) ** 2 + (device[:, CLOCK] / m.clock_sigma) ** 2
+        kind = _kind(device, self.model)
+        squares = ((device - kind) ** 2 / own**2).sum() + (kind**2 / common**2).sum()
         heights, weight = walks.frames[self.placed, 2], self._from_level[self.placed] ** -2
         level = float(weight @ heights / weight.sum())
-        return 0.5 * float(squares.sum() + (weight * (heights - level) ** 2).sum())
+        return 0.5 * float(squares + (weight * (heights - level) ** 2).sum())
 
     # The graph
 
     def settle(
-        self, walks: Walks, judgement: Judgement, rounds: int, annealing: float = 1.0, measure_worth: bool = False
+        self, walks: Walks, judgement: Judgement, rounds: int, annealing: float = 1.0
     ) -> tuple[Walks, Judgement, float]:
         """Find the walks and judge what is late in turn (expectation maximisation), until neither changes."""
         about, before = walks.frames, np.inf
+        gain = _GAIN + _GAIN_A_RANGE * len(self.samples)
         for _ in range(rounds):
             if np.abs(walks.device[:, CLOCK] - self._clock).max() > _STALE_CLOCK:
                 self._read_antennas(walks.device[:, CLOCK])
-            judgement, cost = self.judged(walks, judgement, measure_worth)
-            if before - cost < _GAIN and not measure_worth:
-                break
+            judgement, cost = self.judged(walks, judgement)
+            if before - cost < gain:
+                return walks, judgement, cost
             before = cost
             factors = self.factors(about, judgement, annealing)
-            values = optimize(factors, self.values(walks), self.ordering(), _ITERATIONS, 0.25 * _GAIN)
+            values = optimize(factors, self.values(walks), self.ordering(), _ITERATIONS, 0.25 * gain)
             walks = self.walks(values, walks)
-        judgement, cost = self.judged(walks, judgement, False)
+        judgement, cost = self.judged(walks, judgement)
         return walks, judgement, cost
 
     def factors(self, about: Array, judgement: Judgement, annealing: float = 1.0) -> gtsam.NonlinearFactorGraph:
@@ -203,10 +215,11 @@ class AnchoredGraph:
             x, y, _, yaw = about[u].tolist()
             graph.addPriorPose2(_frame(u), gtsam.Pose2(x, y, yaw), wide)
             graph.add(gtsam.BetweenFactorDouble(_LEVEL, _height(u), 0.0, noise.Isotropic.Sigma(1, self._from_level[u])))
+        own, common = (noise.Diagonal.Sigmas(sigmas) for sigmas in device_sigmas(m))
         for u in self.placed:
-            bias = m.bias_sigma / np.sqrt(judgement.bias_weight[u])
-            sigmas = noise.Diagonal.Sigmas(np.array([m.scale_sigma, bias, m.clock_sigma]))
-            graph.addPriorVector(_device(u), np.array([0.0, 0.0, -self._clock[u]]), sigmas)
+            usual = np.array([0.0, 0.0, -self._clock[u]])
+            graph.add(gtsam.BetweenFactorVector(_KIND, _device(u), usual, own))
+        graph.addPriorVector(_KIND, np.zeros(3), common)
         graph.addPriorDouble(_LEVEL, 0.0, noise.Isotropic.Sigma(1, self._from_level[self.reference]))
 
     def _add_steps(self, graph: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:
@@ -237,9 +250,9 @@ class AnchoredGraph:
             held_local=(0.0, 0.0, 0.0, float(self.keyframes[user].place[0, 2])),
         )
 
-    def ordering(self, last: list[int] | None = None) -> gtsam.Ordering:
+    def ordering(self) -> gtsam.Ordering:
         """Keyframes in the order of time, then what all of them share: a band with a narrow border."""
-        return _ordering([*self._keyframe_keys(set(last or [])), *self._shared_keys(), *(last or [])])
+        return _ordering([*self._keyframe_keys(set()), *self._shared_keys()])
 
     def _keyframe_keys(self, without: set[int]) -> Iterator[int]:
         stamps = [
@@ -252,10 +265,10 @@ class AnchoredGraph:
 
     def _shared_keys(self) -> list[int]:
         frames = [key for u in self.free for key in (_frame(u), _height(u))]
-        return [*frames, *(_device(u) for u in self.placed), _LEVEL]
+        return [*frames, *(_device(u) for u in self.placed), _KIND, _LEVEL]
 
     def values(self, walks: Walks) -> gtsam.Values:
-        """gtsam's values at these walks."""
+        """Gtsam's values at these walks."""
         values = gtsam.Values()
         for u in self.placed:
             if u != self.reference:
@@ -267,6 +280,7 @@ class AnchoredGraph:
                 if n > 0:
                     values.insert(_pose(u, n), gtsam.Pose2(x, y, yaw))
                     values.insert(_local_height(u, n), z)
+        values.insert(_KIND, _kind(walks.device[self.placed], self.model))
         weight = self._from_level[self.placed] ** -2
         values.insert(_LEVEL, float(weight @ walks.frames[self.placed, 2] / weight.sum()))
         return values
@@ -286,17 +300,51 @@ class AnchoredGraph:
                 local[u][n] = at.x(), at.y(), values.atDouble(_local_height(u, n)), at.theta()
         return Walks(frames, local, device)
 
+    # How good everybody's SLAM is
+
+    def step_noise(self, walks: Walks, judgement: Judgement) -> Array:
+        """(k, 2): how many times as noisy as the model says each user's steps are, in the plane and in heading.
+
+        Expectation maximisation on the graph as it is linearised here: the expected square of a step's error is that of
+        the most likely one and its posterior variance (Shumway and Stoffer 1982); `drift_weight` steps say 1.
+        """
+        values, keys = self.values(walks), [*self._keyframe_keys(set()), *self._shared_keys()]
+        graph = gtsam.NonlinearFactorGraph()
+        whose = []
+        for u in self.placed:
+            before = graph.size()
+            self._add_steps(graph, u, judgement.step_weight[u])
+            whose += [u] * ((graph.size() - before) // 2)
+        if not whose:
+            return np.ones((len(self.users), 2))
+        jacobian, wanted = _dense(graph, values, keys)
+        # Each step has rows of x, y, heading and height, in units of its sigma.
+        rows, wanted = jacobian.reshape(-1, 4, jacobian.shape[1]), wanted.reshape(-1, 4)
+        hessian, slope = self.factors(walks.frames, judgement).linearize(values).hessian(_ordering(keys))
+        hessian, slope = hessian - jacobian.T @ jacobian, slope - jacobian.T @ wanted.ravel()
+
+        user = np.array(whose)
+        count = np.bincount(user, minlength=len(self.users))
+        noise = np.ones((len(self.users), 2))
+        for _ in range(_NOISE_ROUNDS):
+            weight = 1.0 / noise[user][:, [0, 0, 1, 0]] ** 2
+            weighted = rows * weight[..., None]
+            covariance = np.linalg.inv(hessian + np.einsum("nrc,nrd->cd", weighted, rows))
+            step = covariance @ (slope + np.einsum("nrc,nr->c", weighted, wanted))
+            square = (rows @ step - wanted) ** 2 + np.einsum("nrc,cd,nrd->nr", rows, covariance, rows, optimize=True)
+            of_user = np.array([np.bincount(user, square[:, r], len(self.users)) for r in range(3)])
+            prior = self.model.drift_weight
+            plane = (2.0 * prior + of_user[0] + of_user[1]) / (2.0 * (prior + count))
+            noise = np.sqrt(np.column_stack([plane, (prior + of_user[2]) / (prior + count)]))
+        return noise
+
     # How sure it is
 
-    def covariances(self, walks: Walks, judgement: Judgement) -> tuple[Array, Array]:
-        """How sure the walks are, by Laplace's method: of the last poses (k, 6, 6) and of the devices (k, 3).
-
-        The former are covariances of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last
-        keyframe, in its log scale and in the reference's; the latter variances of log scale, bias (m) and clock (s). NaN
-        for users that are not placed.
-        """
+    def sureness(self, walks: Walks, judgement: Judgement) -> Sureness:
+        """How sure the walks are, by Laplace's method."""
         k = len(self.users)
-        poses, devices = np.full((k, 6, 6), np.nan), np.full((k, 3), np.nan)
+        poses, relative = np.full((k, 6, 6), np.nan), np.full((k, 4, 4), np.nan)
+        devices = np.full((k, 3), np.nan)
         wanted = [
             key
             for u in self.placed
@@ -313,14 +361,27 @@ class AnchoredGraph:
         size = np.linalg.norm(jacobian, axis=0)
         root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
         rows = dict(zip(kept, _rows(kept), strict=True))
+        errors = {}
+        for u in self.placed:
+            errors[u] = np.zeros((6, root.shape[1]))
+            for key, by in self._last_pose_by_keys(walks, u).items():
+                errors[u] += by @ root[rows[key]]
+            errors[u][5] = root[rows[_device(self.reference)]][SCALE]
+        last = self.last_poses(walks)
         for u in self.placed:
             devices[u] = (root[rows[_device(u)]] ** 2).sum(axis=1)
-            error = np.zeros((6, root.shape[1]))
-            for key, by in self._last_pose_by_keys(walks, u).items():
-                error += by @ root[rows[key]]
-            error[5] = root[rows[_device(self.reference)]][SCALE]
-            poses[u] = error @ error.T
-        return poses, devices
+            poses[u] = errors[u] @ errors[u].T
+            seen = _seen_from(last[u], last[self.reference], errors[u][:4], errors[self.reference][:4])
+            relative[u] = seen @ seen.T
+        return Sureness(poses, relative, devices)
+
+    def last_poses(self, walks: Walks) -> Array:
+        """(k, 4) x, y, z (m), yaw (rad): where each last keyframe is, and how SLAM's axes lie there."""
+        out = walks.frames.copy()
+        for u, local in enumerate(walks.local):
+            out[u, :3] = apply_frames(walks.frames[u], np.exp(walks.device[u, SCALE]) * local[-1, :3])
+            out[u, 3] = wrap_angle(out[u, 3] + local[-1, 3])
+        return out
 
     def _last_pose_by_keys(self, walks: Walks, user: int) -> dict[int, Array]:
         """Derivatives (6, d) of x, y, z, yaw of the last keyframe, and log scale, by the variables they hang on."""
@@ -353,6 +414,39 @@ class AnchoredGraph:
         return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
 
 
+def device_sigmas(model: Model) -> tuple[Array, Array]:
+    """1 sigma (3,) of log scale, bias (m) and clock (s): of each device's own, and of what all have in common."""
+    m = model
+    own = np.array([m.scale_sigma, m.bias_sigma, m.clock_sigma])
+    return own, np.array([m.scale_common_sigma, m.bias_common_sigma, m.clock_common_sigma])
+
+
+def _kind(device: Array, model: Model) -> Array:
+    """(3,) the most likely common part of devices (k, 3)."""
+    own, common = device_sigmas(model)
+    return np.asarray(device.sum(axis=0) / own**2 / (len(device) / own**2 + 1.0 / common**2))
+
+
+def _seen_from(pose: Array, reference: Array, error: Array, error_of_reference: Array) -> Array:
+    """Errors (4, d) of a pose x, y, z, yaw beside the reference's: what turns and moves both is none."""
+    away = pose[:2] - reference[:2]
+    out = error - error_of_reference
+    out[0] += away[1] * error_of_reference[3]
+    out[1] -= away[0] * error_of_reference[3]
+    return np.asarray(out)
+
+
+def _dense(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: list[int]) -> tuple[Array, Array]:
+    """The linearised graph's matrix (n, d) over all keys, those that it does not know too, and its right side (n,)."""
+    known = set(graph.keyVector())
+    matrix, right = graph.linearize(values).jacobian(_ordering([key for key in keys if key in known]))
+    columns = [np.arange(at.start, at.stop) for key, at in zip(keys, _rows(keys), strict=True) if key in known]
+    size = _rows(keys)[-1].stop
+    out = np.zeros((len(matrix), size))
+    out[:, np.concatenate(columns)] = matrix
+    return out, np.asarray(right)
+
+
 def _frame(user: int) -> int:
     return int(gtsam.symbol("F", user))
 
@@ -375,7 +469,7 @@ def _local_height(user: int, keyframe: int) -> int:
 
 def _rows(keys: list[int]) -> list[slice]:
     """Where each key's rows stand when all stand below each other."""
-    size = {ord("F"): 3, ord("X"): 3, ord("D"): 3}
+    size = {ord("F"): 3, ord("X"): 3, ord("D"): 3, ord("K"): 3}
     bounds = np.concatenate([[0], np.cumsum([size.get(gtsam.symbolChr(key), 1) for key in keys])])
     return [slice(int(a), int(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
 

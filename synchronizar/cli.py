@@ -69,7 +69,9 @@ def _parser() -> argparse.ArgumentParser:
     register.add_argument("--out", metavar="DIR", type=Path, help="write tracks, registration.json and ranges.csv here")
     register.add_argument("--json", action="store_true", help="print registration.json instead of a table")
     register.add_argument("--reference", metavar="USER", help="whose frame the common one is")
-    register.add_argument("--model", choices=["full", "rigid"], default="full", help="what may be wrong with SLAM and radios")
+    register.add_argument(
+        "--model", choices=["full", "rigid"], default="full", help="what may be wrong with SLAM and radios"
+    )
     register.add_argument("--method", choices=["joint"], default="joint", help="all users at once")
     register.set_defaults(command=_register)
 

@@ -187,9 +187,7 @@ class DeviceBlockFactor(gtsam.CustomFactor):
     Like RangeBlockFactor: the error's norm is the loss, its rows when linearised carry the ranges' information.
     """
 
-    def __init__(
-        self, i: DeviceKeys, j: DeviceKeys, block: DeviceBlock, loss: Loss, annealing: float = 1.0
-    ) -> None:
+    def __init__(self, i: DeviceKeys, j: DeviceKeys, block: DeviceBlock, loss: Loss, annealing: float = 1.0) -> None:
         """`annealing` >= 1 widens the loss (graduated non-convexity)."""
         columns = i.columns(0) + j.columns(11)
 

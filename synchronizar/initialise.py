@@ -51,14 +51,13 @@ def joint_placements(
         frames = np.full((len(users), 4), np.nan)
         frames[reference] = 0.0
         return [Hypothesis(frames, 0.0)]
-    own = np.stack([samples.p_i, samples.p_j])
     sight, spread = _sights(samples, len(users))
     order = _order(sight, spread, np.array([user.static for user in users]), placed)
     frames = np.full((len(users), 4), np.nan)
     frames[order[0]] = 0.0
     alive = [Hypothesis(frames, 0.0)]
     for user in order[1:]:
-        alive = _extend(samples, own, alive, users, user, model)
+        alive = extend(samples, alive, users, user, model)
     return [Hypothesis(relative_to(h.frames, reference), h.cost) for h in alive]
 
 
@@ -121,9 +120,11 @@ def _known_positions(samples: Samples, frames: Array, rows: Indices, end: Indice
     return apply_frames(frames[other], own[1 - end, rows])
 
 
-def _extend(
-    samples: Samples, own: Array, alive: list[Hypothesis], users: tuple[User, ...], user: int, model: Model
+def extend(
+    samples: Samples, alive: list[Hypothesis], users: tuple[User, ...], user: int, model: Model
 ) -> list[Hypothesis]:
+    """Each hypothesis with one more user, wherever its ranges to those that are placed allow; best first."""
+    own = np.stack([samples.p_i, samples.p_j])
     grown = []
     for hypothesis in alive:
         placed = ~np.isnan(hypothesis.frames[:, 0])

@@ -45,12 +45,14 @@ class Mended:
     """A track without its jumps."""
 
     track: Track
-    """The same stamps; continuous, level. Begins at SLAM's own position and heading."""
+    """The same stamps; continuous, level. Begins at SLAM's own place and heading; at its height where that is level."""
     jumps: tuple[Jump, ...]
     segment: Indices
     """(n,) which piece between jumps each pose belongs to; 0 before the first jump."""
     mended_from_slam: Array
     """(segments, 4) quaternions x y z w: a mended attitude is this times SLAM's."""
+    level: Mask
+    """(segments,) whether SLAM knew where up was. Where not, its steps are taken for level: they tell no heights."""
 
 
 def mend(track: Track, model: Model) -> Mended:
@@ -62,24 +64,27 @@ def mend(track: Track, model: Model) -> Mended:
         jumped |= _jumped_by_attitude(track, steps, jumped, model)
     segment = np.concatenate([[0], np.cumsum(jumped)]).astype(np.int32)
     if not jumped.any():
-        return Mended(track, (), segment, _IDENTITY[None, :].copy())
+        return Mended(track, (), segment, _IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
 
     at = _rows(jumped)
     unrest = _unrest(_predict(steps, ~jumped, model.jump_neighbours, model).turned)
     least_tilt = max(model.jump_tilt, model.jump_spread * unrest)
     continued, way = _continue(track, steps, jumped, least_tilt, model)
-    mended_from_slam = _level(track, segment, continued, least_tilt)
+    mended_from_slam, level = _level(track, segment, continued, least_tilt)
 
     attitude = multiply_quaternions(mended_from_slam[segment], track.quat_xyzw)
     ways = rotate_by_quaternions(mended_from_slam[segment[:-1]], way)
+    ways[:, 2] *= level[segment[:-1]]
     position = track.position[0] + np.vstack([np.zeros(3), np.cumsum(ways, axis=0)])
+    first_level = int(np.argmax(level[segment]))
+    position[:, 2] += track.position[first_level, 2] - position[first_level, 2]
     change = multiply_quaternions(_inverse(continued[1:]), continued[:-1])
     away = np.linalg.norm(steps.way[at] - way[at], axis=1)
     jumps = tuple(
         Jump(float(track.t[k + 1]), int(k) + 1, float(distance), float(turn), float(tilt))
         for k, distance, turn, tilt in zip(at, away, _yaw(change), _tilt(change), strict=True)
     )
-    return Mended(Track(track.t, position, _unit(attitude)), jumps, segment, mended_from_slam)
+    return Mended(Track(track.t, position, _unit(attitude)), jumps, segment, mended_from_slam, level)
 
 
 class _Steps(NamedTuple):
@@ -240,11 +245,11 @@ def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, model: Model) -> boo
     return bool(body > model.jump_speed and slam < 0.5 * body)
 
 
-def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> Array:
+def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> tuple[Array, Mask]:
     """`mended_from_slam` (segments, 4): axes that are level as a whole, with the heading of the first piece.
 
     Level is the vertical on which pieces of the longest time in all agree: SLAM that lost gravity finds it again. They
-    keep it as they have it; the others are turned as they are to them.
+    keep it as they have it; the others are turned as they are to them. And which (segments,) are the former.
     """
     up = rotate_by_quaternions(axes, _UP)
     begin = np.searchsorted(segment, np.arange(len(axes)))
@@ -253,7 +258,8 @@ def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> Ar
     level = int(np.argmax(agree @ duration))
     untilted = multiply_quaternions(yaw_quaternion(float(_yaw(axes[level]))), _inverse(axes[level]))
     levelled = multiply_quaternions(untilted, axes)
-    return np.where(agree[level][:, None], _yaw_quaternions(_yaw(levelled)), levelled)
+    kept = agree[level]
+    return np.where(kept[:, None], _yaw_quaternions(_yaw(levelled)), levelled), kept
 
 
 def _unrest(away: Array) -> float:

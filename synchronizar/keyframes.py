@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,10 @@ class Keyframes:
         """(3,) what the device's own frame is solved about: its first place, but its own origin in height."""
         return self.place[0] * np.array([1.0, 1.0, 0.0])
 
+    def as_noisy(self, metres: float, radians: float) -> Keyframes:
+        """The same with steps so many times as noisy, in place and in heading."""
+        return replace(self, step_sigma=self.step_sigma * np.array([metres, metres, radians]))
+
     def nearest(self, t: Array) -> Indices:
         """(m,) the keyframe next to each own time."""
         return np.searchsorted(0.5 * (self.t[1:] + self.t[:-1]), t).astype(np.int32)
@@ -63,6 +67,8 @@ def keyframes_of(mended: Mended, interval: float, model: Model) -> Keyframes:
     jumped = np.diff(segment[at]) != 0
     metres = np.sqrt(model.drift_m_per_sqrt_s**2 * dt + model.drift_m_per_sqrt_m**2 * way)
     radians = np.sqrt(model.drift_rad_per_sqrt_s**2 * dt + model.drift_rad_per_sqrt_m**2 * way)
+    # SLAM that had lost gravity knew of a step its length at best.
+    metres = np.hypot(metres, np.where(mended.level[segment[at[:-1]]], 0.0, way))
     metres = np.where(jumped, model.jump_sigma_m, metres)
     radians = np.where(jumped, model.jump_sigma_rad, radians)
     return Keyframes(track.t[at], track.position[at], np.column_stack([metres, metres, radians]))
@@ -109,7 +115,10 @@ def ends_of(
         t = np.clip(samples.t[mine] + clock_offset[u], track.t[0], track.t[-1])
         place, arm = _antennas(track, user, t, antenna[mine])
         before, after = np.maximum(t - _REACH, track.t[0]), np.minimum(t + _REACH, track.t[-1])
-        begin, end = sum(_antennas(track, user, before, antenna[mine])), sum(_antennas(track, user, after, antenna[mine]))
+        begin, end = (
+            sum(_antennas(track, user, before, antenna[mine])),
+            sum(_antennas(track, user, after, antenna[mine])),
+        )
         keyframe[mine] = keyframes[u].nearest(t)
         offset[mine] = place - keyframes[u].place[keyframe[mine]]
         lever[mine] = arm

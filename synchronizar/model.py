@@ -50,30 +50,36 @@ class Model:
     """and by the way: 0.01 rad in the first second of walking."""
     drift_tail: float = 5.0
     """Degrees of freedom of Student's t, as which steps are distributed: a tracker that slips is no Gaussian."""
+    drift_weight: float = 10.0
+    """As how many steps these figures count where a device's own steps tell how good its SLAM is."""
     jump_sigma_m: float = 0.1
     """How well a step is known that was rebuilt from its neighbours, because SLAM jumped,"""
     jump_sigma_rad: float = 0.1
     """and the turn within it."""
-    scale_sigma: float = 0.1
-    """Of log scale: visual-inertial odometry of small robots was seen to be 13 to 20 % off."""
-    bias_sigma: float = 0.06
-    """m, of a radio's bias where it is calibrated; an uncalibrated antenna delay adds more, for which there is"""
-    bias_tail: float = 3.0
-    """the tail of Student's t with so many degrees of freedom."""
-    clock_sigma: float = 0.1
-    """s, of a device's clock against that of the ranges."""
+    scale_sigma: float = 0.07
+    """Of log scale, of each device: visual-inertial odometry of small robots was seen to be 13 to 20 % off;"""
+    scale_common_sigma: float = 0.07
+    """and of what all have in common, since devices that walk together are mostly of a kind."""
+    bias_sigma: float = 0.05
+    """m, of each radio: an antenna delay that is off by 0.2 ns is worth 0.05 m;"""
+    bias_common_sigma: float = 0.03
+    """and of all: one delay that is set for the whole kind."""
+    clock_sigma: float = 0.07
+    """s, of each device's clock against that of the ranges;"""
+    clock_common_sigma: float = 0.07
+    """and of all: the ranges' own delay."""
 
     # How the errors of successive ranges hang together
-    multipath_sigma: float = 0.11
+    multipath_sigma: float = 0.15
     """m: what reflections, antennas and bodies add to the noise of an honest range, and keep for a while."""
-    multipath_duration: float = 2.0
+    multipath_duration: float = 3.0
     """s: for how long. Against the truth, errors a quarter of a second apart were correlated by 0.4 to 0.7 in five
     recordings with four kinds of radio, and by 0.1 to 0.5 after two seconds."""
     multipath_neighbours: float = 0.3
     """s: ranges of a pair that are closer in time tell how strongly their errors are correlated;"""
     multipath_share: float = 0.5
     """the correlation before any was seen,"""
-    multipath_weight: float = 50.0
+    multipath_weight: float = 20.0
     """worth as many pairs of neighbours."""
 
     # When SLAM jumps
@@ -109,6 +115,8 @@ class Model:
     """The first user by name that moves more than this is the reference."""
 
     # How the answer is sought
+    first_stretch: float = 120.0
+    """s: of a longer recording, where everybody could be is looked for in so much of it, and followed from there."""
     search_sigma: float = 0.3
     """m: how far ranges may be off in the search that takes SLAM for rigid: drift, scale, clocks, biases."""
     most_candidates: int = 16

@@ -50,9 +50,7 @@ class _Candidate(Protocol):
 M = TypeVar("M", bound=_Candidate)
 
 
-def placements(
-    minima: Sequence[M], covariances: Callable[[M], Array], corners: Array, model: Model
-) -> list[Placement]:
+def placements(minima: Sequence[M], covariances: Callable[[M], Array], corners: Array, model: Model) -> list[Placement]:
     """Minima (best first) gathered into placements that differ; `covariances` gives the (k, 4, 4) of one.
 
     `corners` (k, c, 3) are points of each user's walk in its own frame; minima that move none of them by more than

@@ -20,9 +20,9 @@ _LARGEST_CORRELATION = 0.95
 
 
 def crowd(samples: Samples, model: Model) -> Array:
-    """(n,) how many ranges of the same pair there are within `multipath_duration` around each, itself included."""
+    """(n,) how many ranges of the same pair there are within `multipath_duration` to either side, itself included."""
     out = np.ones(len(samples))
-    half = 0.5 * model.multipath_duration
+    half = model.multipath_duration
     for pair in pairs(samples):
         t = samples.t[pair.samples]
         out[pair.samples] = np.searchsorted(t, t + half, side="right") - np.searchsorted(t, t - half, side="left")

@@ -41,10 +41,12 @@ FLOORS = (
     {"__init__"},
     {"report", "evaluate"},
     {"plots.answer"},
-    {"plots.uncertainty"},
+    {"plots.drift", "plots.uncertainty"},
     {"plots.style"},
-    {"plots.walks", "plots.residuals"},
-    {"plots.picture"},
+    {"plots.walks", "plots.residuals", "plots.corrections", "plots.estimates", "plots.jump_list"},
+    {"plots.pairs"},
+    {"plots.picture", "plots.devices"},
+    {"plots.files"},
     {"plots"},
     {"cli"},
     {"__main__"},
@@ -52,7 +54,10 @@ FLOORS = (
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 
 ALONE_WITH = {
-    "matplotlib": {"plots.walks", "plots.residuals", "plots.picture"},
+    "matplotlib": {
+        *("plots.walks", "plots.residuals", "plots.corrections", "plots.estimates", "plots.jump_list", "plots.pairs"),
+        *("plots.picture", "plots.devices", "plots.files"),
+    },
     "gtsam": {"factors", "graph", "batch", "initialise", "verdict"},
 }
 

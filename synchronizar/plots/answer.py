@@ -17,14 +17,17 @@ from synchronizar.errors import InputError
 from synchronizar.formats.text import open_text, os_faults
 from synchronizar.formats.tum import read_tum
 from synchronizar.geometry import YawFrame
+from synchronizar.jumps import Jump
 from synchronizar.ranges import Ranges
 from synchronizar.recording import Recording
-from synchronizar.registration import Alternative, RangeVerdicts, Registration, State, UserRegistration
+from synchronizar.registration import Alternative, DeviceSigma, RangeVerdicts, Registration, State, UserRegistration
 from synchronizar.report import PLACE, RANGE_COLUMNS
 from synchronizar.track import Track
 
 # What is raised by JSON that is broken, or that lacks something, or has something else in its place.
-MALFORMED = (ValueError, RecursionError, KeyError, TypeError, AttributeError)
+MALFORMED = (ValueError, OverflowError, RecursionError, KeyError, TypeError, AttributeError)
+STAMPS_AGREE_S = 1e-6
+"""Tracks are written to a nanosecond; a number of seconds since 1970 is not finer than 0.2 microseconds."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +37,39 @@ class Answer:
     registration: Registration
     tracks: Mapping[str, Track]
     """Of every user that has a placement, in the common frame, at its own stamps; one pose for a static radio."""
-    clock_offset: Mapping[str, float]
-    """s: each user's own stamp minus the range stamp of the same event."""
+    slam: Mapping[str, Track]
+    """Of every user that is not static, in its own frame: its poses as SLAM gave them."""
     ranges: Ranges
 
     @property
     def names(self) -> list[str]:
         """All users in the order that the ranges count them."""
         return list(self.registration.users)
+
+    @property
+    def corrects_slam(self) -> bool:
+        """Whether the answer takes SLAM to drift and jump, and devices to have a scale, a bias and a clock."""
+        return self.registration.model == "full"
+
+    @property
+    def moving(self) -> list[str]:
+        """Users that have a placement and walk."""
+        return [name for name in self.tracks if not self.registration.users[name].static]
+
+    @property
+    def began(self) -> float:
+        """s, range clock: where axes of time begin: the first range, or the first pose where there is none."""
+        if len(self.ranges):
+            return float(self.ranges.t.min())
+        return min((float(self.tracks[name].t[0]) - self.clock_offset(name) for name in self.moving), default=0.0)
+
+    def clock_offset(self, name: str) -> float:
+        """s: the user's own stamp minus the range stamp of the same event; 0 for a static radio."""
+        return self.registration.users[name].clock_offset or 0.0
+
+    def elapsed(self, name: str, t: Array) -> Array:
+        """(n,) s since `began`, from the user's own stamps (n,)."""
+        return np.asarray(t - self.clock_offset(name) - self.began)
 
     def ends(self, rows: NDArray[np.intp]) -> Array:
         """(n, 2, 3) m: where in the common frame the two devices were at some of the ranges; NaN where unknown."""
@@ -56,7 +84,7 @@ class Answer:
                 if self.registration.users[name].static:
                     places[mine, end] = track.position[0]
                 else:
-                    poses = track.at(t[mine] + self.clock_offset[name], np.inf)
+                    poses = track.at(t[mine] + self.clock_offset(name), np.inf)
                     places[mine[poses.valid], end] = poses.position[poses.valid]
         return places
 
@@ -79,15 +107,22 @@ def read_answer(folder: Path, recording: Recording) -> Answer:
     verdicts = _read_verdicts(folder / "ranges.csv", len(recording.ranges))
     try:
         registration = _registration(said, recording, verdicts)
-        clock_offset = {name: float(user["clock_offset"]) for name, user in said["users"].items()}
     except MALFORMED as error:
         raise InputError(file, "is no registration") from error
     tracks = {
-        name: read_tum(folder / f"{name}.tum")
+        name: _read_track(folder / f"{name}.tum", recording.tracks.get(name))
         for name, user in registration.users.items()
         if user.common_from_user is not None
     }
-    return Answer(registration, tracks, clock_offset, recording.ranges)
+    return Answer(registration, tracks, recording.tracks, recording.ranges)
+
+
+def _read_track(file: Path, slam: Track | None) -> Track:
+    track = read_tum(file)
+    t = np.zeros(1) if slam is None else slam.t
+    if len(track) != len(t) or np.abs(track.t - t).max() > STAMPS_AGREE_S:
+        raise InputError(file, "is about another recording: its stamps are not those of the user's own track")
+    return track
 
 
 def _registration(said: Mapping[str, Any], recording: Recording, verdicts: RangeVerdicts) -> Registration:
@@ -95,9 +130,12 @@ def _registration(said: Mapping[str, Any], recording: Recording, verdicts: Range
         reference=str(said["reference"]),
         model=str(said["model"]),
         method=str(said["method"]),
-        users={user.name: _user(user.name, user.static, said["users"][user.name]) for user in recording.users},
+        users={
+            user.name: _user(user.name, recording.tracks.get(user.name), said["users"][user.name])
+            for user in recording.users
+        },
         alternatives=tuple(
-            Alternative(_number(other["cost"]), {name: _frame(place) for name, place in other["users"].items()})
+            Alternative(_number(other["cost"]), {name: _frame(place, 1.0) for name, place in other["users"].items()})
             for other in said["alternatives"]
         ),
         ranges=verdicts,
@@ -105,33 +143,56 @@ def _registration(said: Mapping[str, Any], recording: Recording, verdicts: Range
     )
 
 
-def _user(name: str, static: bool, said: Mapping[str, Any]) -> UserRegistration:
+def _user(name: str, slam: Track | None, said: Mapping[str, Any]) -> UserRegistration:
+    """What is said of a user; one without a track of its own is a static radio."""
     state, covariance, unseen = State(said["state"]), said["covariance"], said.get("unseen_direction")
     if (said["x"] is None or covariance is None) != (state is State.DISCONNECTED):
         raise ValueError(state)
+    sigma, clock_offset = said["sigma"], said["clock_offset"]
     return UserRegistration(
         name=name,
         state=state,
         reason=str(said["reason"]),
-        common_from_user=None if said["x"] is None else _frame(said),
+        common_from_user=None if said["x"] is None else _frame(said, _finite(said["scale"])),
         covariance=None if covariance is None else _numbers([x for row in covariance for x in row]).reshape(4, 4),
-        static=static,
+        static=slam is None,
         unseen_direction=None if unseen is None else _numbers([unseen[name] for name in PLACE]),
         prior_dominated=tuple(map(str, said["prior_dominated"])),
+        range_bias=_finite(said["range_bias"]),
+        clock_offset=None if slam is None and clock_offset is None else _finite(clock_offset),
+        device_sigma=None if sigma is None else DeviceSigma(*(_number(sigma[name]) for name in DeviceSigma._fields)),
+        jumps=tuple(_jump(jump, slam) for jump in said["jumps"]),
     )
 
 
-def _frame(place: Mapping[str, Any]) -> YawFrame:
+def _jump(said: Mapping[str, Any], slam: Track | None) -> Jump:
+    """A jump leads to a pose of SLAM's own track."""
+    t, distance, turn, tilt = (_finite(said[name]) for name in ("t", "distance", "turn", "tilt"))
+    if slam is None:
+        raise ValueError(said)
+    pose = int(np.argmin(np.abs(slam.t - t)))
+    if abs(slam.t[pose] - t) > STAMPS_AGREE_S:
+        raise ValueError(said)
+    return Jump(t, pose, distance, turn, tilt)
+
+
+def _frame(place: Mapping[str, Any], scale: float) -> YawFrame:
     """A static radio has no yaw: its frame is not turned."""
-    x, y, z = (float(place[name]) for name in PLACE[:3])
-    frame = YawFrame(x, y, z, float(place["yaw"] or 0.0), float(place.get("scale", 1.0)))
-    if not np.isfinite(frame.matrix).all():
-        raise ValueError(frame)
-    return frame
+    x, y, z = (_finite(place[name]) for name in PLACE[:3])
+    if scale <= 0.0:
+        raise ValueError(scale)
+    return YawFrame(x, y, z, _finite(place["yaw"] or 0.0), scale)
 
 
 def _numbers(said: list[Any]) -> Array:
     return np.array([_number(x) for x in said])
+
+
+def _finite(said: Any) -> float:
+    number = float(said)
+    if not np.isfinite(number):
+        raise ValueError(said)
+    return number
 
 
 def _number(said: Any) -> float:

@@ -2,40 +2,20 @@
 
 from __future__ import annotations
 
-import warnings
-from pathlib import Path
-
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from synchronizar.formats.text import os_faults
-from synchronizar.plots.answer import Answer, read_answer
+from synchronizar.plots.answer import Answer
 from synchronizar.plots.residuals import draw_histogram, draw_over_time, range_sigma, residual_limits
 from synchronizar.plots.style import Style, caption, short, styles
-from synchronizar.plots.walks import SYMBOLS, draw_walks
-from synchronizar.recording import Recording
+from synchronizar.plots.walks import draw_walks, symbols
 from synchronizar.report import range_counts
 
 SIZE_IN = (16.0, 10.0)
-DPI = 110
 ROWS_PER_COLUMN = 22
 MOST_LISTED = 2 * ROWS_PER_COLUMN
-
-
-def plot(recording: Recording, folder: str | Path, name: str) -> Path:
-    """Draw what `register --out` wrote into a folder about the recording of that name: `picture.png` in that folder.
-
-    Raises InputError where there is no answer in the folder, it is about another recording, or nothing can be written.
-    """
-    answer = read_answer(Path(folder), recording)
-    file = Path(folder) / "picture.png"
-    figure = draw(answer, f"{name}: where its {len(answer.names)} devices were, from the distances between them")
-    with warnings.catch_warnings(), os_faults(file):
-        warnings.filterwarnings("ignore", message="Glyph .* missing")  # names may be of scripts that the font lacks
-        figure.savefig(file, dpi=DPI)
-    return file
 
 
 def draw(answer: Answer, title: str) -> Figure:
@@ -51,7 +31,7 @@ def draw(answer: Answer, title: str) -> Figure:
         draw_walks(figure.add_subplot(left[0]), answer, of_user)
         draw_over_time(figure.add_subplot(left[1]), answer, limits)
         _draw_users(figure.add_subplot(right[0]), answer, of_user)
-        _draw_symbols(figure.add_subplot(right[1]))
+        _draw_symbols(figure.add_subplot(right[1]), answer)
         draw_histogram(figure.add_subplot(right[2]), answer, sigma, limits)
         figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure
@@ -92,16 +72,17 @@ def _sample(style: Style, static: bool) -> Line2D:
 def _summary(answer: Answer) -> str:
     registration, t = answer.registration, answer.ranges.t
     counts = ", ".join(f"{count} {what}" for what, count in range_counts(registration.ranges).items())
-    return "\n".join(
-        [
-            f"{len(answer.names)} devices, {len(t)} ranges in {t.max() - t.min() if len(t) else 0.0:.1f} s",
-            f"ranges: {counts}",
-            f"reference {short(registration.reference)}; model {registration.model}, {registration.method}",
-            "±: 1σ at the walk's end in the plane; of the heading",
-        ]
-    )
+    lines = [
+        f"{len(answer.names)} devices, {len(t)} ranges in {t.max() - t.min() if len(t) else 0.0:.1f} s",
+        f"ranges: {counts}",
+        f"reference {short(registration.reference)}; model {registration.model}, {registration.method}",
+        "±: 1σ at the walk's end in the plane; of the heading",
+    ]
+    if answer.corrects_slam:
+        lines.append("what is wrong with which device: devices.png")
+    return "\n".join(lines)
 
 
-def _draw_symbols(ax: Axes) -> None:
+def _draw_symbols(ax: Axes, answer: Answer) -> None:
     ax.axis("off")
-    ax.legend(handles=SYMBOLS, loc="upper left", fontsize=9, frameon=False, borderaxespad=0.0)
+    ax.legend(handles=symbols(answer), loc="upper left", fontsize=9, frameon=False, borderaxespad=0.0)

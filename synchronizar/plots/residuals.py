@@ -53,11 +53,10 @@ def draw_histogram(ax: Axes, answer: Answer, sigma: float, limits: tuple[float, 
 
 def draw_over_time(ax: Axes, answer: Answer, limits: tuple[float, float]) -> None:
     """The residual of each range when it was measured."""
-    verdicts, t = answer.registration.ranges, answer.ranges.t
-    began = t.min() if len(t) else 0.0
+    verdicts, t = answer.registration.ranges, answer.ranges.t - answer.began
     rejected = verdicts.usable & ~verdicts.used
     for mask, colour, size in ((verdicts.used, USED, 2.0), (rejected, REJECTED, 3.0)):
-        ax.plot(t[mask] - began, verdicts.residual[mask], ".", color=colour, markersize=size, rasterized=True)
+        ax.plot(t[mask], verdicts.residual[mask], ".", color=colour, markersize=size, rasterized=True)
     ax.axhline(0.0, color="black", linewidth=0.8)
     ax.set(
         ylim=limits,

@@ -17,6 +17,10 @@ DASHES: tuple[Dashes, ...] = ("-", "--", "-.", ":")
 STATIC = "#333333"
 USED, REJECTED = "#888888", "#E3170A"
 FAINT = 0.35
+JUMP = "X"
+"""The marker of a jump."""
+MOST_POSES = 20_000
+"""A line through more places looks no different and takes long to draw."""
 LONGEST_NAME = 16
 HEADING_UNKNOWN = 1.0
 """rad, 1 sigma."""
@@ -41,6 +45,11 @@ def styles(answer: Answer) -> dict[str, Style]:
     return out
 
 
+def few(n: int) -> slice:
+    """Of n poses in the order of time, evenly chosen ones: as many as a line needs."""
+    return slice(None, None, max(1, -(-n // MOST_POSES)))
+
+
 def short(name: str) -> str:
     """A name that fits."""
     return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
@@ -50,9 +59,9 @@ def caption(answer: Answer, name: str) -> str:
     """`bob: registered ±0.04 m ±0.3°`: 1 sigma in the plane, where its walk ends, and of its heading."""
     registration = answer.registration
     user = registration.users[name]
-    if name == registration.reference:
+    if name == registration.reference and not answer.corrects_slam:
         return f"{short(name)}: the reference"
-    said = f"{short(name)}: {user.state}"
+    said = f"{short(name)}: {'the reference' if name == registration.reference else user.state}"
     if user.state is State.AMBIGUOUS:
         said += f" ({len(registration.alternatives)} fit)"
     if user.covariance is None:

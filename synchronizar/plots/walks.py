@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -11,7 +13,8 @@ from matplotlib.patheffects import withStroke
 
 from synchronizar.arrays import Array
 from synchronizar.plots.answer import Answer
-from synchronizar.plots.style import FAINT, REJECTED, STATIC, USED, Style, short
+from synchronizar.plots.drift import common_from_user_at_start, drift_of
+from synchronizar.plots.style import FAINT, JUMP, REJECTED, STATIC, USED, Style, few, short
 from synchronizar.plots.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
 from synchronizar.registration import State, UserRegistration
 
@@ -25,6 +28,10 @@ ARROW = 0.06
 HALO = (withStroke(linewidth=2.5, foreground="white"),)
 # Where names stand beside their markers (points), so that those who start together can be read.
 NAME_OFFSETS = ((7, 6), (7, -13), (-7, 6), (-7, -13))
+MOST_TIMES = 12
+"""More times beside jumps would hide the walks."""
+UNCORRECTED = (0, (3.0, 2.0))
+"""Dashes of SLAM's own track."""
 
 SYMBOLS = (
     Line2D([], [], color=STATIC, marker="o", markersize=6, linestyle="", label="start; the arrow is its own x axis"),
@@ -38,7 +45,7 @@ SYMBOLS = (
         markersize=11,
         fillstyle="none",
         linestyle="",
-        label="95 % region of start and end",
+        label="95 % region of where it is",
     ),
     Line2D([], [], color=STATIC, linestyle=(0, (4, 3)), alpha=2 * FAINT, label="another placement that fits"),
     Line2D(
@@ -47,6 +54,15 @@ SYMBOLS = (
     Line2D([], [], color=USED, linewidth=0.8, label="range, used"),
     Line2D([], [], color=REJECTED, linewidth=0.8, label="range, rejected"),
 )
+SYMBOLS_OF_CORRECTIONS = (
+    Line2D([], [], color=STATIC, linewidth=0.9, linestyle=UNCORRECTED, label="as SLAM had it, laid at its start"),
+    Line2D([], [], color=STATIC, marker=JUMP, markersize=8, linestyle="", label="SLAM jumped, and when"),
+)
+
+
+def symbols(answer: Answer) -> tuple[Line2D, ...]:
+    """What the map's symbols mean."""
+    return SYMBOLS + (SYMBOLS_OF_CORRECTIONS if answer.corrects_slam else ())
 
 
 def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
@@ -55,6 +71,8 @@ def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
     _draw_ranges(ax, answer)
     for name in answer.tracks:
         _draw_user(ax, answer, name, styles[name], span)
+    if answer.corrects_slam:
+        _draw_corrections(ax, answer, styles)
     for index, (name, track) in enumerate(answer.tracks.items()):
         dx, dy = NAME_OFFSETS[index % len(NAME_OFFSETS)]
         ax.annotate(
@@ -72,7 +90,10 @@ def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
 
 
 def _frame_the_map(ax: Axes, answer: Answer) -> float:
-    """Set the axes up, and return the side (m) of what they must show: every walk as every placement has it."""
+    """Set the axes up, and return the side (m) of what they must show: every walk as every placement has it.
+
+    SLAM's own tracks are shown too, as far as they do not lead out of a map of twice that side.
+    """
     walks = [track.position[:, :2] for track in answer.tracks.values()]
     for name, user in answer.registration.users.items():
         if user.state is State.AMBIGUOUS:
@@ -81,6 +102,11 @@ def _frame_the_map(ax: Axes, answer: Answer) -> float:
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle, span = 0.5 * (low + high), max(float((high - low).max()), SMALLEST_M)
     ax.update_datalim([middle - 0.25 * span, middle + 0.25 * span])
+    if answer.corrects_slam:
+        for name in answer.moving:
+            walk = drift_of(answer, name).uncorrected.position[:, :2]
+            corners = np.array([walk.min(axis=0), walk.max(axis=0)])
+            ax.update_datalim(np.clip(corners, low - 0.5 * span, high + 0.5 * span))
     ax.margins(MARGIN)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(
@@ -99,7 +125,39 @@ def _other_walks(answer: Answer, name: str) -> list[Array]:
     assert frame is not None
     others = [other.common_from_user.get(name) for other in answer.registration.alternatives[1:]]
     own = frame.inverse() @ answer.tracks[name].position
-    return [other @ own for other in others if other is not None]
+    return [replace(other, scale=frame.scale) @ own for other in others if other is not None]
+
+
+def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
+    """What SLAM itself made of each walk, and where it jumped."""
+    for name in answer.moving:
+        walk = drift_of(answer, name).uncorrected.position
+        ax.add_collection(
+            LineCollection(
+                [walk[few(len(walk)), :2]],
+                colors=styles[name].colour,
+                linestyles=[UNCORRECTED],
+                linewidths=0.8,
+                alpha=0.8,
+                zorder=2,
+            ),
+            autolim=False,
+        )
+    jumps = [(name, jump) for name in answer.moving for jump in answer.registration.users[name].jumps]
+    for name, jump in jumps:
+        x, y, _ = answer.tracks[name].position[jump.pose]
+        ax.plot(x, y, JUMP, color=styles[name].colour, markersize=9, markeredgecolor="white", zorder=5)
+        if len(jumps) <= MOST_TIMES:
+            ax.annotate(
+                f"{answer.elapsed(name, np.array([jump.t]))[0]:.1f} s",
+                (x, y),
+                xytext=(7, 3),
+                textcoords="offset points",
+                color=styles[name].colour,
+                fontsize=8,
+                path_effects=HALO,
+                zorder=6,
+            )
 
 
 def _draw_ranges(ax: Axes, answer: Answer) -> None:
@@ -121,10 +179,11 @@ def _draw_user(ax: Axes, answer: Answer, name: str, style: Style, span: float) -
         for walk in _other_walks(answer, name):
             _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT)
     _draw_walk(ax, position, user, style, alpha=0.9)
-    _draw_ellipse(ax, user, position[0], style, largest=span)
+    _draw_ellipse(ax, user, position[-1], style, largest=span)
     if not user.static:
-        _draw_ellipse(ax, user, position[-1], style, largest=span)
-        _draw_heading(ax, user, position[0], style, ARROW * span)
+        if not answer.corrects_slam:  # else how sure its frame is is known of the end alone
+            _draw_ellipse(ax, user, position[0], style, largest=span)
+        _draw_heading(ax, common_from_user_at_start(answer, name).yaw, position[0], style, ARROW * span)
     if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
         _draw_unseen(ax, user, position[-1], style, ARROW * span)
 
@@ -134,7 +193,8 @@ def _draw_walk(ax: Axes, walk: Array, user: UserRegistration, style: Style, alph
     if user.static:
         ax.plot(x[:1], y[:1], "^", color=style.colour, markersize=9, alpha=alpha, zorder=4)
         return
-    ax.plot(x, y, linestyle=style.dashes, color=style.colour, linewidth=1.5, alpha=alpha, zorder=3)
+    rows = few(len(walk))
+    ax.plot(x[rows], y[rows], linestyle=style.dashes, color=style.colour, linewidth=1.5, alpha=alpha, zorder=3)
     ax.plot(x[:1], y[:1], "o", color=style.colour, markersize=7, markeredgecolor="white", alpha=alpha, zorder=5)
     ax.plot(x[-1:], y[-1:], "s", color=style.colour, markersize=6, markeredgecolor="white", alpha=alpha, zorder=5)
 
@@ -159,9 +219,7 @@ def _draw_ellipse(ax: Axes, user: UserRegistration, place: Array, style: Style, 
     )
 
 
-def _draw_heading(ax: Axes, user: UserRegistration, start: Array, style: Style, length: float) -> None:
-    assert user.common_from_user is not None
-    yaw = user.common_from_user.yaw
+def _draw_heading(ax: Axes, yaw: float, start: Array, style: Style, length: float) -> None:
     _arrow(ax, start, start + length * np.array([np.cos(yaw), np.sin(yaw), 0.0]), style, "-|>")
 
 

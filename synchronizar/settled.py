@@ -1,0 +1,118 @@
+"""Minima of an anchored graph: those that the search's placements lead to, and their mirror images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.anchored import AnchoredGraph, Judgement
+from synchronizar.arrays import Array
+from synchronizar.geometry import difference
+from synchronizar.graph import RigidGraph, blocks_of
+from synchronizar.mirrors import height_mirrors, reflections
+from synchronizar.model import Model
+from synchronizar.placement import SAME
+from synchronizar.walks import Walks, interpolated
+
+_ANNEALING = (4.0, 2.0)
+_ROUNDS = 10
+_HOPELESS = 50.0  # of log likelihood: more than settling may gain
+_NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
+_TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
+_MOST_IMAGES = 6  # that are followed of one minimum
+_MOST_COMPARED = 6
+
+
+class Settled(NamedTuple):
+    """A minimum of an anchored graph."""
+
+    graph: AnchoredGraph
+    walks: Walks
+    judgement: Judgement
+    cost: float
+    """Negative log likelihood, up to a constant that all minima of the same samples and worth share."""
+
+    @property
+    def frames(self) -> Array:
+        """(k, 4) x, y, z, yaw: where each user's last keyframe is, and how SLAM's axes lie there."""
+        return self.graph.last_poses(self.walks)
+
+
+def by_cost(settled: Settled) -> float:
+    """For sorting: best first."""
+    return settled.cost
+
+
+def settle_all(graph: AnchoredGraph, starts: list[Walks], model: Model) -> list[Settled]:
+    """The minima that some walks and their mirror images lead to, best first."""
+    found: list[Settled] = []
+    for walks in starts:
+        _follow(graph, walks, found, _ANNEALING)
+    if graph.free:
+        mirrored: Settled | None = None
+        while mirrored is not min(found, key=by_cost):  # a mirror image may be better, and have images of its own
+            mirrored = min(found, key=by_cost)
+            for walks in _images(mirrored, model):
+                _follow(graph, walks, found, ())
+    return sorted(found, key=by_cost)
+
+
+def _follow(graph: AnchoredGraph, walks: Walks, found: list[Settled], annealing: tuple[float, ...]) -> None:
+    """Add the minimum that some walks lead to, unless it is known."""
+    judgement = graph.first_judgement()
+    for wide in annealing:
+        walks, judgement, _ = graph.settle(walks, judgement, 3, wide)
+    settled = Settled(graph, *graph.settle(walks, judgement, _ROUNDS))
+    frames = settled.frames
+    if not any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in found):
+        found.append(settled)
+
+
+def _images(settled: Settled, model: Model) -> Iterator[Walks]:
+    """Walks that might explain the ranges as well, likeliest first: what levels and lines cannot tell apart."""
+    graph, walks = settled.graph, settled.walks
+    flat = graph.flattened(walks)
+    rigid = RigidGraph(blocks_of(flat), graph.users, graph.placed, graph.reference, model).about(walks.frames)
+    worth = float(settled.judgement.worth.mean())
+    values = rigid.values(walks.frames)
+    sigma = np.sqrt(rigid.covariances(values)[:, 2, 2] / worth)
+
+    def above(frames: Array) -> float:
+        return worth * (rigid.cost(rigid.values(frames)) - rigid.cost(values))
+
+    heights = rigid.other_heights(walks.frames, model.cost_excluded_late / worth)
+    heights += height_mirrors(flat, walks.frames, graph.reference)
+    apart = [f for f in heights if (np.abs(f[:, 2] - walks.frames[:, 2]) > _TOLD_APART * sigma)[graph.free].any()]
+    images = [(cost, frames) for frames in apart if (cost := above(frames)) < _HOPELESS]
+    most = _HOPELESS + _NATS_A_RANGE * worth * len(flat)
+    images += [
+        (cost, frames) for frames in reflections(flat, walks.frames, graph.reference) if (cost := above(frames)) < most
+    ]
+    for _, frames in sorted(images, key=lambda image: image[0])[:_MOST_IMAGES]:
+        yield walks._replace(frames=frames)
+
+
+def refine(coarse: Settled, graph: AnchoredGraph) -> Settled:
+    """The same placement at the keyframes of another graph; what ranges are worth measured on what it leaves."""
+    walks = interpolated(coarse.walks, coarse.graph.keyframes, graph.keyframes)
+    walks, judgement, _ = graph.settle(walks, graph.first_judgement(), 2)
+    for _ in range(2):
+        walks, judgement, cost = graph.settle(walks, graph.measured(walks, judgement), 4)
+    return Settled(graph, walks, judgement, cost)
+
+
+def compare(found: list[Settled], best: Settled, model: Model) -> list[Settled]:
+    """The minima that explain the ranges, best first, with ranges worth what the best one's residuals say."""
+    likely = [s for s in found if s.cost < found[0].cost + _HOPELESS][:_MOST_COMPARED]
+    compared = []
+    for s in likely:
+        judgement = replace(s.judgement, worth=best.judgement.worth)
+        compared.append(Settled(s.graph, *s.graph.settle(s.walks, judgement, 4)))
+    compared.sort(key=by_cost)
+    _, honest = best.graph.honest(best.walks, best.judgement)
+    late = len(honest) > 0 and float((honest < 0.5).mean()) > model.doubtful_share
+    excluded = model.cost_excluded_late if late else model.cost_excluded
+    return [s for s in compared if s.cost <= compared[0].cost + excluded]
