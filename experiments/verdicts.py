@@ -76,7 +76,7 @@ def judge(seed: int) -> list[Verdict]:
     """Every user's verdict in one scene, beside the truth."""
     kind, scene = scene_of(seed)
     simulation = simulate(scene)
-    registration = register(simulation.recording)
+    registration = register(simulation.recording, kind="rigid")
     out = []
     for name, user in registration.users.items():
         if name != registration.reference:
@@ -99,7 +99,7 @@ def told(seed_and_late: tuple[int, int, float]) -> list[bool]:
     """Of the users that maximum likelihood places well after 8 s of free walking: which are registered."""
     seed, users, late = seed_and_late
     simulation = simulate(Scene(users=users, seconds=8.0, seed=seed, late_share=late))
-    registration = register(simulation.recording)
+    registration = register(simulation.recording, kind="rigid")
     best = oracle(simulation, registration.reference, Model())
     well = np.hypot(best.error[:, 0], best.error[:, 1]) < PLACED
     return [

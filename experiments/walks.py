@@ -76,8 +76,8 @@ class Beside(NamedTuple):
 
 
 def beside_oracle(simulation: Simulation) -> Beside:
-    """Register a walk and set it beside the oracle."""
-    registration = register(simulation.recording)
+    """Register a walk with the rigid model and set it beside the oracle."""
+    registration = register(simulation.recording, kind="rigid")
     truth = true_frames(simulation, registration.reference)
     best = oracle(simulation, registration.reference, Model())
     others = [u for u in registration.users.values() if u.name != registration.reference]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import gtsam
@@ -16,7 +17,7 @@ import numpy as np
 
 from synchronizar._core import DeviceBlock, Late, judge, judge_bursts
 from synchronizar.arrays import Array, Indices
-from synchronizar.factors import DeviceBlockFactor, DeviceKeys
+from synchronizar.factors import DeviceBlockFactor, DeviceKeys, Reading
 from synchronizar.geometry import apply_frames, rotation_2d, wrap_angle
 from synchronizar.graph import height_sigma_of, late_loss
 from synchronizar.keyframes import Ends, Keyframes, ends_of
@@ -55,8 +56,6 @@ class Sureness(NamedTuple):
     poses: Array
     """(k, 6, 6) covariances of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last keyframe,
     in its log scale and in the reference's."""
-    relative: Array
-    """(k, 4, 4) those of x, y, z, yaw as seen from the reference's last keyframe."""
     devices: Array
     """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
 
@@ -83,6 +82,7 @@ class AnchoredGraph:
         self._loss: Late = late_loss(model)
         self._from_level = np.array([height_sigma_of(user, model) for user in self.users]) / np.sqrt(2.0)
         self._links = _links(recording, samples)
+        self._reading = Reading()
         self._read_antennas(np.zeros(len(self.users)))
 
     def _read_antennas(self, clock_offset: Array) -> None:
@@ -181,7 +181,7 @@ class AnchoredGraph:
                 return walks, judgement, cost
             before = cost
             factors = self.factors(about, judgement, annealing)
-            values = optimize(factors, self.values(walks), self.ordering(), _ITERATIONS, 0.25 * gain)
+            values = optimize(factors, self.values(walks), self.ordering(), _ITERATIONS, 0.25 * gain, self._reading)
             walks = self.walks(values, walks)
         judgement, cost = self.judged(walks, judgement)
         return walks, judgement, cost
@@ -189,12 +189,12 @@ class AnchoredGraph:
     def factors(self, about: Array, judgement: Judgement, annealing: float = 1.0) -> gtsam.NonlinearFactorGraph:
         """Priors, with those of places and headings, which say nothing, about frames (k, 4); SLAM's steps; ranges."""
         graph = gtsam.NonlinearFactorGraph()
-        self._add_priors(graph, about, judgement)
+        self._add_priors(graph, about)
         for u in self.placed:
             self._add_steps(graph, u, judgement.step_weight[u])
         s, (i, j) = self.samples, self._ends
-        for begin_, end in zip(self._bounds[:-1], self._bounds[1:], strict=True):
-            k = slice(begin_, end)
+        for first, end in pairwise(self._bounds.tolist()):
+            k = slice(first, end)
             block = DeviceBlock(
                 (i.offset[k], i.lever[k], i.velocity[k]),
                 (j.offset[k], j.lever[k], j.velocity[k]),
@@ -203,12 +203,12 @@ class AnchoredGraph:
                 judgement.late_odds[k],
                 judgement.worth[k],
             )
-            keys_i = self.keys(int(s.i[begin_]), int(i.keyframe[begin_]))
-            keys_j = self.keys(int(s.j[begin_]), int(j.keyframe[begin_]))
-            graph.add(DeviceBlockFactor(keys_i, keys_j, block, self._loss, annealing))
+            keys_i = self.keys(int(s.i[first]), int(i.keyframe[first]))
+            keys_j = self.keys(int(s.j[first]), int(j.keyframe[first]))
+            graph.add(DeviceBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._reading))
         return graph
 
-    def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, judgement: Judgement) -> None:
+    def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array) -> None:
         m, noise = self.model, gtsam.noiseModel
         wide = noise.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, m.yaw_sigma]))
         for u in self.free:
@@ -343,8 +343,7 @@ class AnchoredGraph:
     def sureness(self, walks: Walks, judgement: Judgement) -> Sureness:
         """How sure the walks are, by Laplace's method."""
         k = len(self.users)
-        poses, relative = np.full((k, 6, 6), np.nan), np.full((k, 4, 4), np.nan)
-        devices = np.full((k, 3), np.nan)
+        poses, devices = np.full((k, 6, 6), np.nan), np.full((k, 3), np.nan)
         wanted = [
             key
             for u in self.placed
@@ -361,19 +360,14 @@ class AnchoredGraph:
         size = np.linalg.norm(jacobian, axis=0)
         root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
         rows = dict(zip(kept, _rows(kept), strict=True))
-        errors = {}
         for u in self.placed:
-            errors[u] = np.zeros((6, root.shape[1]))
+            error = np.zeros((6, root.shape[1]))
             for key, by in self._last_pose_by_keys(walks, u).items():
-                errors[u] += by @ root[rows[key]]
-            errors[u][5] = root[rows[_device(self.reference)]][SCALE]
-        last = self.last_poses(walks)
-        for u in self.placed:
+                error += by @ root[rows[key]]
+            error[5] = root[rows[_device(self.reference)]][SCALE]
+            poses[u] = error @ error.T
             devices[u] = (root[rows[_device(u)]] ** 2).sum(axis=1)
-            poses[u] = errors[u] @ errors[u].T
-            seen = _seen_from(last[u], last[self.reference], errors[u][:4], errors[self.reference][:4])
-            relative[u] = seen @ seen.T
-        return Sureness(poses, relative, devices)
+        return Sureness(poses, devices)
 
     def last_poses(self, walks: Walks) -> Array:
         """(k, 4) x, y, z (m), yaw (rad): where each last keyframe is, and how SLAM's axes lie there."""
@@ -427,15 +421,6 @@ def _kind(device: Array, model: Model) -> Array:
     return np.asarray(device.sum(axis=0) / own**2 / (len(device) / own**2 + 1.0 / common**2))
 
 
-def _seen_from(pose: Array, reference: Array, error: Array, error_of_reference: Array) -> Array:
-    """Errors (4, d) of a pose x, y, z, yaw beside the reference's: what turns and moves both is none."""
-    away = pose[:2] - reference[:2]
-    out = error - error_of_reference
-    out[0] += away[1] * error_of_reference[3]
-    out[1] -= away[0] * error_of_reference[3]
-    return np.asarray(out)
-
-
 def _dense(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: list[int]) -> tuple[Array, Array]:
     """The linearised graph's matrix (n, d) over all keys, those that it does not know too, and its right side (n,)."""
     known = set(graph.keyVector())
@@ -471,7 +456,7 @@ def _rows(keys: list[int]) -> list[slice]:
     """Where each key's rows stand when all stand below each other."""
     size = {ord("F"): 3, ord("X"): 3, ord("D"): 3, ord("K"): 3}
     bounds = np.concatenate([[0], np.cumsum([size.get(gtsam.symbolChr(key), 1) for key in keys])])
-    return [slice(int(a), int(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    return [slice(int(a), int(b)) for a, b in pairwise(bounds)]
 
 
 def _ordering(keys: list[int]) -> gtsam.Ordering:

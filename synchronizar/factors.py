@@ -181,19 +181,52 @@ class DeviceKeys(NamedTuple):
         return UserPose(*frame, *local), Device(*values.atVector(self.device))
 
 
+class Reading:
+    """What users' keys read, kept while the values stay the same: many blocks share a keyframe.
+
+    Only who owns the values knows that they do; gtsam's own optimisers do not tell, and read everything anew.
+    """
+
+    def __init__(self) -> None:
+        self._values: gtsam.Values | None = None
+        self._read: dict[DeviceKeys, tuple[UserPose, Device]] = {}
+
+    def hold(self, values: gtsam.Values | None) -> None:
+        """These values do not change until others are held, or None."""
+        self._values, self._read = values, {}
+
+    def of(self, keys: DeviceKeys, values: gtsam.Values) -> tuple[UserPose, Device]:
+        """What `keys` read at these values."""
+        if values is not self._values:
+            return keys.read(values)
+        known = self._read.get(keys)
+        if known is None:
+            known = self._read[keys] = keys.read(values)
+        return known
+
+
 class DeviceBlockFactor(gtsam.CustomFactor):
     """Many ranges between the same two keyframes of two devices that are not perfect, as one factor of ten rows.
 
     Like RangeBlockFactor: the error's norm is the loss, its rows when linearised carry the ranges' information.
     """
 
-    def __init__(self, i: DeviceKeys, j: DeviceKeys, block: DeviceBlock, loss: Loss, annealing: float = 1.0) -> None:
-        """`annealing` >= 1 widens the loss (graduated non-convexity)."""
+    def __init__(
+        self,
+        i: DeviceKeys,
+        j: DeviceKeys,
+        block: DeviceBlock,
+        loss: Loss,
+        annealing: float = 1.0,
+        reading: Reading | None = None,
+    ) -> None:
+        """`annealing` >= 1 widens the loss (graduated non-convexity); factors of a graph may share a `reading`."""
         columns = i.columns(0) + j.columns(11)
+        read = reading or Reading()
 
         def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-            pose_i, device_i = i.read(values)
-            pose_j, device_j = j.read(values)
+            pose_i, device_i = read.of(i, values)
+            pose_j, device_j = read.of(j, values)
             if jacobians is None:
                 norm = np.zeros(10)
                 norm[0] = np.sqrt(2.0 * block.cost(pose_i, device_i, pose_j, device_j, loss, annealing))

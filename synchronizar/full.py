@@ -1,4 +1,4 @@
-"""The full model: SLAM may drift, jump, have a wrong scale and clock, radios a bias; one anchored pose graph for all."""
+"""The full model: SLAM may drift, jump, have a wrong scale and clock, radios a bias; one graph for all of it."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _outcome(
     minima = [best._replace(cost=found[0].cost), *found[1:]]
     told = placements(
         minima,
-        lambda s: (sure if s.graph is graph else s.graph.sureness(s.walks, s.judgement)).relative,
+        lambda s: (sure if s.graph is graph else s.graph.sureness(s.walks, s.judgement)).poses[:, :4, :4],
         _corners(smooth, graph, walks),
         model,
     )
@@ -85,9 +85,9 @@ def _outcome(
     origin = scale[graph.reference] * graph.keyframes[graph.reference].anchor
     frames = [_about_own(p.frames, turned, scale, last_own, origin) for p in told]
     errors = _errors(frames[0], scale, last_own, origin)
-    # What the minima differ by adds to how sure the best one is.
+    # The pose's part is the mixture's; what it has to do with the scales is the best minimum's.
     poses = sure.poses.copy()
-    poses[:, :4, :4] += told[0].covariances - sure.relative
+    poses[:, :4, :4] = told[0].covariances
     device = walks.device.copy()
     device[:, SCALE] = scale
     sigma = np.sqrt(devices)

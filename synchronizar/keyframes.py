@@ -28,6 +28,8 @@ class Keyframes:
     """(n, 3) SLAM's lengths."""
     step_sigma: Array
     """(n - 1, 3): 1 sigma of each step in the plane (m, each axis), in height (m) and in heading (rad)."""
+    until: Array
+    """(n - 1,) s: when one keyframe's turn ends and the next one's begins."""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -38,18 +40,18 @@ class Keyframes:
     @property
     def anchor(self) -> Array:
         """(3,) what the device's own frame is solved about: its first place, but its own origin in height."""
-        return self.place[0] * np.array([1.0, 1.0, 0.0])
+        return np.append(self.place[0, :2], 0.0)
 
     def as_noisy(self, metres: float, radians: float) -> Keyframes:
         """The same with steps so many times as noisy, in place and in heading."""
         return replace(self, step_sigma=self.step_sigma * np.array([metres, metres, radians]))
 
     def nearest(self, t: Array) -> Indices:
-        """(m,) the keyframe next to each own time."""
-        return np.searchsorted(0.5 * (self.t[1:] + self.t[:-1]), t).astype(np.int32)
+        """(m,) the keyframe whose turn it is at each time."""
+        return np.searchsorted(self.until, t).astype(np.int32)
 
 
-STANDING = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)))
+STANDING = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0))
 """Of a radio that stands still."""
 
 
@@ -59,8 +61,9 @@ def keyframes_of(mended: Mended, interval: float, model: Model) -> Keyframes:
     broken = (np.diff(segment) != 0) | (np.diff(track.t) > model.longest_pose_gap)
     begins = np.concatenate([[0], np.flatnonzero(broken) + 1])
     ends = np.concatenate([begins[1:], [len(track)]]) - 1
-    picked = [_spread(track.t, int(a), int(b), interval) for a, b in zip(begins, ends, strict=True)]
-    at = np.concatenate(picked)
+    pieces = [_spread(track.t, int(a), int(b), interval) for a, b in zip(begins, ends, strict=True)]
+    at = np.concatenate([of_piece for of_piece, _ in pieces])
+    due = np.concatenate([of_piece for _, of_piece in pieces])
 
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
     dt, way = np.diff(track.t[at]), np.diff(gone[at])
@@ -71,14 +74,23 @@ def keyframes_of(mended: Mended, interval: float, model: Model) -> Keyframes:
     metres = np.hypot(metres, np.where(mended.level[segment[at[:-1]]], 0.0, way))
     metres = np.where(jumped, model.jump_sigma_m, metres)
     radians = np.where(jumped, model.jump_sigma_rad, radians)
-    return Keyframes(track.t[at], track.position[at], np.column_stack([metres, metres, radians]))
+    return Keyframes(track.t[at], track.position[at], np.column_stack([metres, metres, radians]), _between(due))
 
 
-def _spread(t: Array, begin: int, end: int, interval: float) -> Indices:
-    """Indices from begin to end, both among them, about evenly spaced in time by at most `interval`."""
-    count = max(1, int(np.ceil((t[end] - t[begin]) / interval)))
-    wanted = np.linspace(t[begin], t[end], count + 1)
-    return np.unique(np.clip(np.searchsorted(t, wanted), begin, end)).astype(np.int32)
+def _spread(t: Array, begin: int, end: int, interval: float) -> tuple[Indices, Array]:
+    """Indices from begin to end, both among them, and when (s) they were due: at multiples of the interval.
+
+    All devices have theirs at the same times, but for their clocks, so that ranges fall into few blocks.
+    """
+    multiples = np.arange(np.ceil(t[begin] / interval), np.floor(t[end] / interval) + 1) * interval
+    inner = multiples[(multiples > t[begin] + 0.5 * interval) & (multiples < t[end] - 0.5 * interval)]
+    due = np.concatenate([[t[begin]], inner, [t[end]]])
+    at, first = np.unique(np.clip(np.searchsorted(t, due), begin, end), return_index=True)
+    return at.astype(np.int32), due[first]
+
+
+def _between(t: Array) -> Array:
+    return np.asarray(0.5 * (t[1:] + t[:-1]))
 
 
 @dataclass(frozen=True)
@@ -119,7 +131,8 @@ def ends_of(
             sum(_antennas(track, user, before, antenna[mine])),
             sum(_antennas(track, user, after, antenna[mine])),
         )
-        keyframe[mine] = keyframes[u].nearest(t)
+        # By the ranges' clock: any keyframe near is good, and so both ends change theirs at the same time.
+        keyframe[mine] = keyframes[u].nearest(samples.t[mine])
         offset[mine] = place - keyframes[u].place[keyframe[mine]]
         lever[mine] = arm
         velocity[mine] = (end - begin) / np.maximum(after - before, 1e-3)[:, None]

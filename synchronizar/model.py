@@ -75,7 +75,7 @@ class Model:
     multipath_duration: float = 3.0
     """s: for how long. Against the truth, errors a quarter of a second apart were correlated by 0.4 to 0.7 in five
     recordings with four kinds of radio, and by 0.1 to 0.5 after two seconds."""
-    multipath_neighbours: float = 0.3
+    multipath_neighbours: float = 1.0
     """s: ranges of a pair that are closer in time tell how strongly their errors are correlated;"""
     multipath_share: float = 0.5
     """the correlation before any was seen,"""

@@ -8,20 +8,45 @@ from __future__ import annotations
 
 import gtsam
 
+from synchronizar.factors import Reading
+
 _SUFFICIENT = 1e-4  # of the gain that the linear model promises (Armijo)
 _SHORTER = 0.4
 _SHORTEST = 1e-3
 
 
 def optimize(
-    factors: gtsam.NonlinearFactorGraph, start: gtsam.Values, ordering: gtsam.Ordering, iterations: int, gain: float
+    factors: gtsam.NonlinearFactorGraph,
+    start: gtsam.Values,
+    ordering: gtsam.Ordering,
+    iterations: int,
+    gain: float,
+    reading: Reading | None = None,
 ) -> gtsam.Values:
     """A minimum: full steps, or as much of them as lowers the cost; until a step gains less than `gain`.
 
     Our blocks are positive semidefinite models with the exact gradient, so a step never leads uphill at first.
+    `reading` is what the factors share.
     """
-    values, cost = start, factors.error(start)
+    reading = reading or Reading()
+    reading.hold(start)
+    try:
+        return _optimize(factors, start, ordering, iterations, gain, reading)
+    finally:
+        reading.hold(None)
+
+
+def _optimize(
+    factors: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    ordering: gtsam.Ordering,
+    iterations: int,
+    gain: float,
+    reading: Reading,
+) -> gtsam.Values:
+    cost = factors.error(values)
     for _ in range(iterations):
+        reading.hold(values)
         linear = factors.linearize(values)
         step = linear.optimize(ordering)
         promised = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)
@@ -30,6 +55,7 @@ def optimize(
         length = 1.0
         while True:
             tried = values.retract(step if length == 1.0 else step.scale(length))
+            reading.hold(tried)
             tried_cost = factors.error(tried)
             if cost - tried_cost > _SUFFICIENT * length * promised:
                 break

@@ -26,9 +26,9 @@ def register(
 ) -> Registration:
     """Where every user's frame lies in the reference's, how sure that is, and which ranges it rests on.
 
-    `kind` full: SLAM may drift, jump, have a wrong scale and clock, radios a bias. rigid: SLAM is trusted, one frame per
-    user and nothing else. Raises InputError where `reference` is nobody or a radio that stands still, or where nobody
-    can be the reference. What cannot be answered is told as a state.
+    `kind` full: SLAM may drift, jump, have a wrong scale and clock, radios a bias. rigid: SLAM is trusted, one frame
+    per user and nothing else. Raises InputError where `reference` is nobody or a radio that stands still, or where
+    nobody can be the reference. What cannot be answered is told as a state.
     """
     model = model or Model()
     began = perf_counter()
@@ -90,7 +90,8 @@ def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
 
 
 def _frame(outcome: Outcome, user: int, placement: int) -> YawFrame:
-    return YawFrame(*outcome.frames[placement][user].tolist(), float(outcome.scale[user]))
+    x, y, z, yaw = outcome.frames[placement][user].tolist()
+    return YawFrame(x, y, z, yaw, float(outcome.scale[user]))
 
 
 def _alternatives(recording: Recording, outcome: Outcome) -> tuple[Alternative, ...]:

@@ -18,7 +18,8 @@ from synchronizar.placement import SAME
 from synchronizar.walks import Walks, interpolated
 
 _ANNEALING = (4.0, 2.0)
-_ROUNDS = 10
+_FIRST_ROUNDS = 2
+_ROUNDS = 8
 _HOPELESS = 50.0  # of log likelihood: more than settling may gain
 _NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
 _TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
@@ -65,7 +66,10 @@ def _follow(graph: AnchoredGraph, walks: Walks, found: list[Settled], annealing:
     judgement = graph.first_judgement()
     for wide in annealing:
         walks, judgement, _ = graph.settle(walks, judgement, 3, wide)
-    settled = Settled(graph, *graph.settle(walks, judgement, _ROUNDS))
+    settled = Settled(graph, *graph.settle(walks, judgement, _FIRST_ROUNDS))
+    if found and settled.cost > min(found, key=by_cost).cost + _HOPELESS:
+        return
+    settled = Settled(graph, *graph.settle(settled.walks, settled.judgement, _ROUNDS))
     frames = settled.frames
     if not any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in found):
         found.append(settled)
@@ -106,6 +110,8 @@ def refine(coarse: Settled, graph: AnchoredGraph) -> Settled:
 
 def compare(found: list[Settled], best: Settled, model: Model) -> list[Settled]:
     """The minima that explain the ranges, best first, with ranges worth what the best one's residuals say."""
+    if len(found) == 1:
+        return found
     likely = [s for s in found if s.cost < found[0].cost + _HOPELESS][:_MOST_COMPARED]
     compared = []
     for s in likely:

@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.geometry import wrap_angle
-from synchronizar.graph import RigidGraph
 from synchronizar.misfit import Misfit
 from synchronizar.model import Model
 from synchronizar.placement import Placement, moved, places
 from synchronizar.registration import State
+from synchronizar.user import User
 
 _NAMES = ("x", "y", "z", "yaw")
 _LEAST = 1e-9  # m and rad: a sigma that is none
 _SYSTEMATIC = 2.0  # inflation of a covariance: with most ranges rejected, more than late signals explain
+
+
+class Placed(Protocol):
+    """What a graph tells of its users: RigidGraph and AnchoredGraph both do."""
+
+    users: tuple[User, ...]
+    reference: int
+    free: list[int]
+
+    def prior_variances(self, user: int) -> Array:
+        """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
 
 
 class Verdict(NamedTuple):
@@ -30,7 +41,7 @@ class Verdict(NamedTuple):
 
 
 def verdicts(
-    found: list[Placement], fit: dict[int, Misfit], graph: RigidGraph, corners: Array, model: Model
+    found: list[Placement], fit: dict[int, Misfit], graph: Placed, corners: Array, model: Model
 ) -> list[Verdict | None]:
     """The verdict on each user that is placed."""
     best = found[0]
@@ -82,8 +93,8 @@ def _state(best: Placement, user: int, static: bool, corners: Array, model: Mode
 def _wrong(best: Placement, user: int, corners: Array, model: Model) -> tuple[float, float, float]:
     """The probability, by the mixture of its minima, that a user is wrong in the plane, in height, in heading.
 
-    Of a minimum at distance d from the placement, an error in the plane beyond the limit has the probability
-    exp(-(limit - d)^2 / (2 sigma^2)) at most, sigma being the longer axis of the ellipse.
+    Of a minimum at distance d from the placement, an error in the plane beyond the limit has at most the probability of
+    one beyond limit - d.
     """
     limit = model.largest_error
     own = corners[None]
@@ -93,8 +104,7 @@ def _wrong(best: Placement, user: int, corners: Array, model: Model) -> tuple[fl
         frames, covariance = minimum.frames[[user]], minimum.covariances[user]
         off = (places(frames, own) - here)[0]
         away = max(limit - float(np.hypot(off[:, 0], off[:, 1]).max()), 0.0)
-        sigma, _ = _largest_spread(covariance, frames[0, 3], corners, [0, 1])
-        plane += minimum.weight * float(np.exp(-0.5 * (away / max(sigma, _LEAST)) ** 2))
+        plane += minimum.weight * _beyond_in_plane(away, *_axes(covariance, frames[0, 3], corners))
         sigma, _ = _largest_spread(covariance, frames[0, 3], corners, [2])
         height += minimum.weight * _beyond(limit, off[0, 2], sigma)
         turned = wrap_angle(float(frames[0, 3] - best.frames[user, 3]))
@@ -108,17 +118,44 @@ def _beyond(limit: float, mean: float, sigma: float) -> float:
     return 1.0 - normal.cdf(limit) + normal.cdf(-limit)
 
 
-def _largest_spread(covariance: Array, yaw: float, corners: Array, axes: list[int]) -> tuple[float, Array]:
-    """The largest 1 sigma (m) of the place of any corner (c, 3) in these axes of the common frame.
+def _beyond_in_plane(limit: float, long: float, short: float) -> float:
+    """P(|e| > limit) of a normal e in the plane with these 1 sigma along its axes, or a little more.
 
-    And the unit error of (x, y, z, yaw) that goes with it.
+    exp(-limit^2 / (2 long^2)) is that of a circle and a bound for any ellipse; the other, for a slim one, is what the
+    first term of an expansion about the ends of its long axis gives.
     """
+    far = limit / max(long, _LEAST)
+    circle = float(np.exp(-0.5 * far**2))
+    slim = 1.0 - min(short / max(long, _LEAST), 1.0) ** 2
+    if slim < _LEAST:
+        return circle
+    return min(circle, 2.0 * NormalDist().cdf(-far) / float(np.sqrt(slim)))
+
+
+def _axes(covariance: Array, yaw: float, corners: Array) -> tuple[float, float]:
+    """1 sigma (m) along both axes of the ellipse in the plane of the corner where the long one is longest."""
+    jacobians = _by_frame(yaw, corners)[:, :2]
+    variances = np.linalg.eigvalsh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
+    short, long = np.sqrt(np.maximum(variances[np.argmax(variances[:, 1])], 0.0)).tolist()
+    return long, short
+
+
+def _by_frame(yaw: float, corners: Array) -> Array:
+    """(c, 3, 4) derivatives of where corners (c, 3) lie by x, y, z, yaw of the frame."""
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = c * corners[:, 0] - s * corners[:, 1], s * corners[:, 0] + c * corners[:, 1]
     jacobians = np.zeros((len(corners), 3, 4))
     jacobians[:, :3, :3] = np.eye(3)
     jacobians[:, 0, 3], jacobians[:, 1, 3] = -y, x
-    jacobians = jacobians[:, axes]
+    return jacobians
+
+
+def _largest_spread(covariance: Array, yaw: float, corners: Array, axes: list[int]) -> tuple[float, Array]:
+    """The largest 1 sigma (m) of the place of any corner (c, 3) in these axes of the common frame.
+
+    And the unit error of (x, y, z, yaw) that goes with it.
+    """
+    jacobians = _by_frame(yaw, corners)[:, axes]
     variances, directions = np.linalg.eigh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     worst = int(np.argmax(variances[:, -1]))
     error = covariance @ jacobians[worst].T @ directions[worst, :, -1]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Indices
 from synchronizar.geometry import apply_frames, multiply_quaternions, wrap_angle
 from synchronizar.keyframes import Ends, Keyframes
 from synchronizar.samples import Samples
@@ -34,7 +34,7 @@ def begin(frames: Array, keyframes: list[Keyframes], device: Array) -> Walks:
     return Walks(frames.copy(), local, device.copy())
 
 
-def antennas(walks: Walks, who: Array, ends: Ends, assumed_clock: Array) -> Array:
+def antennas(walks: Walks, who: Indices, ends: Ends, assumed_clock: Array) -> Array:
     """(n, 3) m: antennas in the axes of their users' anchors, drift, scale and clock taken into account.
 
     `assumed_clock` (k,) s are the clock offsets at which the ends were read.

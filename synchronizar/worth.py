@@ -1,9 +1,9 @@
 """What a range is worth: errors that hang together in time tell less than their number.
 
-A range's error is part noise and part reflections, antennas and bodies, which stay for seconds. Of n ranges in the time T
-for which errors hang together, correlated by rho, the mean has not the variance s^2 / n but about s^2 (1 + rho (n - 1)) / n,
-so each counts for 1 / (1 + rho (n - 1)) only. That is a composite likelihood (Varin, Reid and Firth, Statistica Sinica
-21, 2011, 5-42), whose size is put right; rho is measured on the residuals.
+A range's error is part noise and part reflections, antennas and bodies, which stay for seconds. Of n ranges in the time
+for which errors hang together, correlated by rho, the mean has not the variance s^2 / n but about
+s^2 (1 + rho (n - 1)) / n, so each counts for 1 / (1 + rho (n - 1)) only. That is a composite likelihood (Varin, Reid
+and Firth, Statistica Sinica 21, 2011, 5-42), whose size is put right; rho is measured on the residuals.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from synchronizar.samples import Samples, pairs
 _MOST_NEIGHBOURS = 8  # of each range, that its error is compared with
 _OWN_WEIGHT = 50.0  # ranges: how many of its own a pair needs to be judged by them rather than by all
 _LARGEST_CORRELATION = 0.95
+_CHANCE = 1.5  # standard deviations
 
 
 def crowd(samples: Samples, model: Model) -> Array:
@@ -38,17 +39,17 @@ def worth(samples: Samples, judged_sigma: Array, whitened: Array, weight: Array,
     """(n,) as how many independent ranges with an error of `judged_sigma` each counts.
 
     `whitened` (n,) are residuals over judged_sigma, `weight` (n,) what the loss gives them. How large errors are is
-    measured pair by pair, and never taken for less than the recording's own sigma; how they hang together is measured on
-    those that follow each other within `multipath_neighbours` between the same antennas (`links` (n,) numbers these), in
-    all pairs together.
+    measured pair by pair, and never taken for less than the recording's own sigma; how they hang together is measured
+    on those that follow each other within `multipath_neighbours` between the same antennas (`links` (n,) numbers
+    these), in all pairs together.
     """
     score = weight * whitened
     product = both = 0.0
     squares, weights = [], []
     for pair in pairs(samples):
         k = pair.samples
-        order = np.lexsort([samples.t[k], links[k]])
-        t, link, s, w = (column[k][order] for column in (samples.t, links, score, weight))
+        order = np.lexsort((samples.t[k], links[k]))
+        t, link, s, w = samples.t[k][order], links[k][order], score[k][order], weight[k][order]
         squares.append(float((s**2).sum()))
         weights.append(float((w**2).sum()))
         own = max(squares[-1] / max(weights[-1], 1e-9), 1e-9)
@@ -56,8 +57,11 @@ def worth(samples: Samples, judged_sigma: Array, whitened: Array, weight: Array,
             near = (t[lag:] - t[:-lag] < model.multipath_neighbours) & (link[lag:] == link[:-lag])
             product += float((s[lag:] * s[:-lag])[near].sum()) / own
             both += float((w[lag:] * w[:-lag])[near].sum())
-    correlation = (model.multipath_weight * model.multipath_share + product) / (model.multipath_weight + both)
-    correlation = min(max(correlation, 0.0), _LARGEST_CORRELATION)
+    weight_of_all = model.multipath_weight + both
+    correlation = (model.multipath_weight * model.multipath_share + product) / weight_of_all
+    # What chance alone might show is none (the positive part of James and Stein's shrinkage).
+    by_chance = _CHANCE / np.sqrt(weight_of_all)
+    correlation = min(max(correlation - by_chance**2 / max(correlation, by_chance), 0.0), _LARGEST_CORRELATION)
     independent = 1.0 / (1.0 + correlation * (crowd(samples, model) - 1.0))
 
     nominal = (samples.sigma / judged_sigma) ** 2
