@@ -56,6 +56,8 @@ class Sureness(NamedTuple):
     poses: Array
     """(k, 6, 6) covariances of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last keyframe,
     in its log scale and in the reference's."""
+    relative: Array
+    """(k, 4, 4) those of x, y, z, yaw as seen from the reference's last keyframe."""
     devices: Array
     """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
 
@@ -343,7 +345,8 @@ class AnchoredGraph:
     def sureness(self, walks: Walks, judgement: Judgement) -> Sureness:
         """How sure the walks are, by Laplace's method."""
         k = len(self.users)
-        poses, devices = np.full((k, 6, 6), np.nan), np.full((k, 3), np.nan)
+        poses, relative = np.full((k, 6, 6), np.nan), np.full((k, 4, 4), np.nan)
+        devices = np.full((k, 3), np.nan)
         wanted = [
             key
             for u in self.placed
@@ -360,14 +363,20 @@ class AnchoredGraph:
         size = np.linalg.norm(jacobian, axis=0)
         root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
         rows = dict(zip(kept, _rows(kept), strict=True))
+        errors = {}
         for u in self.placed:
             error = np.zeros((6, root.shape[1]))
             for key, by in self._last_pose_by_keys(walks, u).items():
                 error += by @ root[rows[key]]
             error[5] = root[rows[_device(self.reference)]][SCALE]
-            poses[u] = error @ error.T
+            errors[u] = error
+        last = self.last_poses(walks)
+        for u in self.placed:
+            poses[u] = errors[u] @ errors[u].T
+            beside = _seen_from(last[self.reference], errors[self.reference][:4], last[u], errors[u][:4])
+            relative[u] = beside @ beside.T
             devices[u] = (root[rows[_device(u)]] ** 2).sum(axis=1)
-        return Sureness(poses, devices)
+        return Sureness(poses, relative, devices)
 
     def last_poses(self, walks: Walks) -> Array:
         """(k, 4) x, y, z (m), yaw (rad): where each last keyframe is, and how SLAM's axes lie there."""
@@ -406,6 +415,15 @@ class AnchoredGraph:
         m = self.model
         height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
         return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
+
+
+def _seen_from(reference: Array, error_of_reference: Array, pose: Array, error: Array) -> Array:
+    """Errors (4, d) of a pose x, y, z, yaw beside the reference's: what moves and turns both is none."""
+    away = pose[:2] - reference[:2]
+    out = error - error_of_reference
+    out[0] += away[1] * error_of_reference[3]
+    out[1] -= away[0] * error_of_reference[3]
+    return np.asarray(out)
 
 
 def device_sigmas(model: Model) -> tuple[Array, Array]:

@@ -68,7 +68,7 @@ def _outcome(
     minima = [best._replace(cost=found[0].cost), *found[1:]]
     told = placements(
         minima,
-        lambda s: (sure if s.graph is graph else s.graph.sureness(s.walks, s.judgement)).poses[:, :4, :4],
+        lambda s: (sure if s.graph is graph else s.graph.sureness(s.walks, s.judgement)).relative,
         _corners(smooth, graph, walks),
         model,
     )
@@ -85,9 +85,10 @@ def _outcome(
     origin = scale[graph.reference] * graph.keyframes[graph.reference].anchor
     frames = [_about_own(p.frames, turned, scale, last_own, origin) for p in told]
     errors = _errors(frames[0], scale, last_own, origin)
-    # The pose's part is the mixture's; what it has to do with the scales is the best minimum's.
+    # How sure it is, is judged beside the reference as it is now, and told in the frame of its first pose: what the
+    # minima differ by adds to both.
     poses = sure.poses.copy()
-    poses[:, :4, :4] = told[0].covariances
+    poses[:, :4, :4] += told[0].covariances - sure.relative
     device = walks.device.copy()
     device[:, SCALE] = scale
     sigma = np.sqrt(devices)

@@ -11,7 +11,7 @@ import pytest
 
 from synchronizar._core import Cauchy, Device, DeviceBlock, GemanMcClure, Huber, Late, Squared, UserPose
 from synchronizar.arrays import Array
-from synchronizar.factors import DeviceBlockFactor, DeviceKeys
+from synchronizar.factors import DeviceBlockFactor, DeviceKeys, Reading
 
 if TYPE_CHECKING:
     from synchronizar._core import Loss
@@ -190,3 +190,44 @@ def test_factors_live_as_long_as_their_graph() -> None:
     gc.collect()
     expected = block_of(10).cost(*read(I_FREE, J_FREE), Squared())
     assert graph.error(values_of(I_FREE.keys() + J_FREE.keys())) == pytest.approx(expected, rel=1e-12)
+
+
+def predicted(of_keys: tuple[UserPose, Device]) -> float:
+    """m: a number that hangs on everything that was read."""
+    ones = (np.ones((1, 3)), np.ones((1, 3)), np.ones((1, 3)))
+    block = DeviceBlock(ones, ones, np.zeros(1), np.ones(1), np.zeros(1), np.ones(1))
+    return float(block.residuals(*of_keys, UserPose(), Device())[0])
+
+
+def test_what_is_read_is_kept_while_the_values_are_held() -> None:
+    keys = I_FREE.keys()
+    here, there = values_of(keys), moved(values_of(keys), 20, np.array([5.0, 0.0, 0.0]))
+    at_here, at_there = (predicted(I_FREE.read(values)) for values in (here, there))
+    assert at_here != at_there
+    reading = Reading()
+    assert predicted(reading.of(I_FREE, here)) == at_here
+    reading.hold(here)
+    assert reading.of(I_FREE, here) is reading.of(I_FREE, here)
+    assert predicted(reading.of(I_FREE, here)) == at_here
+    # Whoever asks of other values gets those.
+    assert predicted(reading.of(I_FREE, there)) == at_there
+    reading.hold(there)
+    assert predicted(reading.of(I_FREE, there)) == at_there
+    reading.hold(None)
+    here.update(20, there.atPose2(20))
+    assert predicted(reading.of(I_FREE, here)) == at_there
+
+
+def test_factors_that_share_a_reading_are_the_same() -> None:
+    values, reading = values_of(I_FREE.keys() + J_FREE.keys()), Reading()
+    alone = DeviceBlockFactor(I_FREE, J_FREE, block_of(20), Squared())
+    reading.hold(values)
+    for _ in range(2):
+        sharing = DeviceBlockFactor(I_FREE, J_FREE, block_of(20), Squared(), reading=reading)
+        graph = gtsam.NonlinearFactorGraph()
+        graph.add(sharing)
+        assert graph.error(values) == alone.error(values)
+        A, b = graph.linearize(values).jacobian()
+        expected_A, expected_b = alone.linearize(values).jacobian()
+        assert np.linalg.norm(A) == pytest.approx(np.linalg.norm(expected_A), rel=1e-12)
+        np.testing.assert_allclose(b, expected_b, rtol=1e-12)

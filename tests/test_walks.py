@@ -15,9 +15,14 @@ from synchronizar.walks import Walks, antennas, begin, common_track, corrected, 
 seeds = pytest.mark.parametrize("seed", range(5))
 
 
+def keyframes_of(t: Array, place: Array, step_sigma: Array | None = None) -> Keyframes:
+    sigma = np.ones((len(t) - 1, 3)) if step_sigma is None else step_sigma
+    return Keyframes(t, place, sigma, 0.5 * (t[1:] + t[:-1]))
+
+
 def keyframes_at(t: Array, random: np.random.Generator) -> Keyframes:
     n = len(t)
-    return Keyframes(t, random.normal(0.0, 3.0, (n, 3)), random.uniform(0.05, 0.5, (n - 1, 3)))
+    return keyframes_of(t, random.normal(0.0, 3.0, (n, 3)), random.uniform(0.05, 0.5, (n - 1, 3)))
 
 
 def bent(random: np.random.Generator, keyframes: list[Keyframes]) -> Walks:
@@ -116,7 +121,7 @@ def test_a_walk_that_is_turned_as_a_whole_has_slams_own_steps() -> None:
 
 def test_a_step_that_is_off_by_hand() -> None:
     """SLAM: 1 m ahead and 0.5 m up. Here the heading is a quarter to the left: ahead is y."""
-    keyframes = Keyframes(np.arange(2.0), np.array([[5.0, 5.0, 1.0], [6.0, 5.0, 1.5]]), np.array([[0.1, 0.2, 0.05]]))
+    keyframes = keyframes_of(np.arange(2.0), np.array([[5.0, 5.0, 1.0], [6.0, 5.0, 1.5]]), np.array([[0.1, 0.2, 0.05]]))
     quarter = 0.5 * np.pi
     local = np.array([[0.0, 0.0, 1.0, quarter], [-0.4, 1.3, 1.6, quarter + 0.02]])
     # 1.3 m ahead, 0.4 m to the left, 0.6 m up, turned by 0.02 rad.
@@ -144,7 +149,7 @@ def test_a_track_that_was_continuous_stays_so(seed: int) -> None:
     t = np.linspace(0.0, 5.0, 5001)
     position = np.column_stack([np.sin(t), np.cos(1.3 * t), 0.1 * t])
     at = np.array([0, 700, 2100, 3333, 5000])
-    keyframes = Keyframes(t[at], position[at], np.ones((4, 3)))
+    keyframes = keyframes_of(t[at], position[at])
     # Wherever SLAM is thought to have been, within a turn of less than half a circle from step to step.
     headings = np.cumsum(random.uniform(-3.0, 3.0, 5))
     local = np.column_stack([position[at] + random.normal(0.0, 0.5, (5, 3)), headings])
@@ -170,7 +175,7 @@ def test_what_is_moved_as_a_whole_is_moved_everywhere(seed: int, count: int) -> 
 
 def test_between_two_keyframes_the_nearer_one_weighs_more() -> None:
     """The second keyframe is 0.8 m to the left of where SLAM has it and turned by 0.4 rad."""
-    keyframes = Keyframes(np.array([0.0, 4.0]), np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]]), np.ones((1, 3)))
+    keyframes = keyframes_of(np.array([0.0, 4.0]), np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]]))
     local = np.array([[0.0, 0.0, 0.0, 0.0], [4.0, 0.8, 0.0, 0.4]])
     place, turned = corrected(local, keyframes, np.array([1.0]), np.array([[1.0, 0.0, 0.0]]))
     seen_from_second = [*(np.array([4.0, 0.8]) + rotation_2d(0.4) @ [-3.0, 0.0]), 0.0]
@@ -179,7 +184,7 @@ def test_between_two_keyframes_the_nearer_one_weighs_more() -> None:
 
 
 def test_a_heading_is_corrected_the_short_way_round() -> None:
-    keyframes = Keyframes(np.array([0.0, 2.0]), np.zeros((2, 3)), np.ones((1, 3)))
+    keyframes = keyframes_of(np.array([0.0, 2.0]), np.zeros((2, 3)))
     local = np.array([[0.0, 0.0, 0.0, np.pi - 0.1], [0.0, 0.0, 0.0, -np.pi + 0.1]])
     _, turned = corrected(local, keyframes, np.array([1.0]), np.zeros((1, 3)))
     assert turned[0] == pytest.approx(np.pi)
@@ -192,7 +197,7 @@ def test_a_heading_is_corrected_the_short_way_round() -> None:
 def test_other_keyframes_leave_the_poses_where_they_were(seed: int) -> None:
     random = np.random.default_rng(seed)
     t, position = np.arange(41.0) / 4.0, random.normal(0.0, 3.0, (41, 3))
-    coarse, fine = (Keyframes(t[::k], position[::k], np.ones((40 // k, 3))) for k in (20, 5))
+    coarse, fine = (keyframes_of(t[::k], position[::k]) for k in (20, 5))
     walks = bent(random, [coarse, STANDING])
     finer = interpolated(walks, [coarse, STANDING], [fine, STANDING])
     np.testing.assert_array_equal(finer.frames, walks.frames)
@@ -213,7 +218,7 @@ def test_a_walk_without_drift_is_laid_as_a_whole(seed: int) -> None:
     t = np.arange(30.0)
     q = random.normal(size=(30, 4))
     track = Track(t, random.normal(0.0, 3.0, (30, 3)), q / np.linalg.norm(q, axis=1, keepdims=True))
-    keyframes = Keyframes(t[::10], track.position[::10], np.ones((2, 3)))
+    keyframes = keyframes_of(t[::10], track.position[::10])
     frames = random.normal(0.0, 2.0, (1, 4))
     walks = begin(frames, [keyframes], np.array([[0.1, 0.2, 0.3]]))
     common, yaw = common_track(walks, 0, keyframes, track)
@@ -233,7 +238,7 @@ def test_a_heading_that_drifted_turns_the_attitudes_too() -> None:
     track = Track(
         t, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
     )
-    keyframes = Keyframes(t, track.position, np.ones((2, 3)))
+    keyframes = keyframes_of(t, track.position)
     local = np.column_stack([track.position, [0.0, 0.2, 0.5]])
     common, yaw = common_track(Walks(np.array([[0.0, 0.0, 0.0, 1.0]]), [local], np.zeros((1, 3))), 0, keyframes, track)
     np.testing.assert_allclose(yaw, [1.0, 1.2, 1.5])

@@ -81,6 +81,14 @@ def test_ranges_whose_errors_are_noise_count_as_what_they_are() -> None:
     assert one.max() <= 1.0
 
 
+def test_a_correlation_that_chance_alone_may_show_is_none() -> None:
+    """Noise shows one of 1 / sqrt(n), which 24 neighbours would make much of."""
+    least = [inside(found(one_pair(2000), np.random.default_rng(seed).normal(size=2000))).min() for seed in range(40)]
+    # Beyond 1.5 standard deviations, for which one in fifteen is due to chance; 10 / 2000 is what the model adds.
+    assert sum(each < 0.9 for each in least) <= 8
+    assert min(least) > 1.0 / (1.0 + 24.0 * (10.0 / 2000 + 3.0 / np.sqrt(2000.0)))
+
+
 @pytest.mark.parametrize("factor", [1.5, 3.0])
 def test_errors_that_are_larger_than_judged_count_by_their_variance(factor: float) -> None:
     # So far apart that nobody has a neighbour.
@@ -138,6 +146,7 @@ def test_few_ranges_are_judged_by_the_model() -> None:
     whitened = np.array([1.2, -0.5])
     variance = (1.2**2 + 0.5**2) / 2.0
     correlation = (20.0 * 0.5 - 1.2 * 0.5 / variance) / (20.0 + 1.0)
+    correlation -= 1.5**2 / 21.0 / correlation  # by chance: 1.5 / sqrt(21)
     expected = 1.0 / (1.0 + correlation) / max(variance, 0.25)
     np.testing.assert_allclose(found(one_pair(2, hz=8.0), whitened, judged=0.2), expected)
 
