@@ -10,10 +10,9 @@ from __future__ import annotations
 import argparse
 import tempfile
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from experiments.results import write_table
 from experiments.walks import on_all_cores
@@ -24,14 +23,15 @@ from synchronizar.pipeline import register
 from synchronizar.recording import Recording
 
 _NONE = 1e-5  # a sigma that is as good as none
+_STIFF = 1e-4  # per root metre or second: a centimetre in an hour; less makes steps too stiff for the solver
 
 OFF: dict[str, dict[str, Any]] = {
     "everything on": {},
     "drift off": {
-        "drift_m_per_sqrt_s": _NONE,
-        "drift_m_per_sqrt_m": _NONE,
-        "drift_rad_per_sqrt_s": _NONE,
-        "drift_rad_per_sqrt_m": _NONE,
+        "drift_m_per_sqrt_s": _STIFF,
+        "drift_m_per_sqrt_m": _STIFF,
+        "drift_rad_per_sqrt_s": _STIFF,
+        "drift_rad_per_sqrt_m": _STIFF,
     },
     "scale off": {"scale_sigma": _NONE, "scale_common_sigma": _NONE},
     "bias off": {"bias_sigma": _NONE, "bias_common_sigma": _NONE},
@@ -55,8 +55,16 @@ def figure_of(recording: str) -> str:
     return next((figure for begins, figure in FIGURE.items() if recording.startswith(begins)), "joint ate")
 
 
-def row_of(effect: str, folder: Path) -> dict[str, Any]:
-    """One recording's figures with one effect switched off."""
+class Task(NamedTuple):
+    """One recording with one effect switched off."""
+
+    effect: str
+    folder: Path
+
+
+def row_of(task: Task) -> dict[str, Any]:
+    """Its figures."""
+    effect, folder = task
     recording = Recording.load(folder)
     kind: Literal["full", "rigid"] = "rigid" if effect == RIGID else "full"
     began = perf_counter()
@@ -104,9 +112,7 @@ def main() -> None:
     options = parser.parse_args()
     folders = sorted(f.parent for f in options.folder.glob("*/ranges.csv"))
     folders = [f for f in folders if options.only is None or f.name in options.only]
-    rows: list[dict[str, Any]] = []
-    for effect in (*OFF, RIGID):
-        rows += on_all_cores(partial(row_of, effect), folders)
+    rows = list(on_all_cores(row_of, [Task(effect, folder) for effect in (*OFF, RIGID) for folder in folders]))
     print(write_table("effects", rows, {"folder": str(options.folder), "only": options.only}))
     print()
     print(markdown(rows))

@@ -370,10 +370,10 @@ class AnchoredGraph:
                 error += by @ root[rows[key]]
             error[5] = root[rows[_device(self.reference)]][SCALE]
             errors[u] = error
-        last = self.last_poses(walks)
+        poses_now = self.last_poses(walks)
         for u in self.placed:
             poses[u] = errors[u] @ errors[u].T
-            beside = _seen_from(last[self.reference], errors[self.reference][:4], last[u], errors[u][:4])
+            beside = _seen_from(poses_now[self.reference], errors[self.reference][:4], poses_now[u], errors[u][:4])
             relative[u] = beside @ beside.T
             devices[u] = (root[rows[_device(u)]] ** 2).sum(axis=1)
         return Sureness(poses, relative, devices)

@@ -26,6 +26,8 @@ from synchronizar.track import Track
 from synchronizar.verdict import Verdict, verdicts
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, common_track
 
+_BETTER = 1.0  # of log likelihood: what ranges are worth may turn the order of two placements
+
 
 def register_full(recording: Recording, reference: int, model: Model) -> Outcome:
     """Everybody's frame, drift, scale, clock and radio bias."""
@@ -40,9 +42,11 @@ def register_full(recording: Recording, reference: int, model: Model) -> Outcome
     found = search_and_grow(smooth, samples, coarse, placed, reference, model)
     searched = perf_counter()
     fine = _keyframes(recording, mended, model.keyframe_interval, model)
-    best = refine(found[0], AnchoredGraph(smooth, samples, fine, placed, reference, model))
-    found = compare(found, best, model)
-    return _outcome(recording, smooth, mended, best, found, searched, model)
+    graph = AnchoredGraph(smooth, samples, fine, placed, reference, model)
+    minima = compare(found, refine(found[0], graph), model)
+    if len(minima) > 1 and minima[1].cost < minima[0].cost - _BETTER:
+        minima = compare([minima[1], *found], refine(minima[1], graph), model)
+    return _outcome(recording, smooth, mended, minima, searched, model)
 
 
 def _keyframes(recording: Recording, mended: dict[str, Mended], interval: float, model: Model) -> list[Keyframes]:
@@ -53,19 +57,17 @@ def _outcome(
     recording: Recording,
     smooth: Recording,
     mended: dict[str, Mended],
-    best: Settled,
-    found: list[Settled],
+    minima: list[Settled],
     searched: float,
     model: Model,
 ) -> Outcome:
+    best = minima[0]
     graph, walks = best.graph, best.walks
     users, k = recording.users, len(recording.users)
     samples = graph.samples
     weight, honest = graph.honest(walks, best.judgement)
     sure = graph.sureness(walks, best.judgement)
     devices = np.where(_static(recording)[:, None] & (np.arange(3) != BIAS), np.nan, sure.devices)
-    # The best placement is told as it is at every keyframe, the others as they are coarsely.
-    minima = [best._replace(cost=found[0].cost), *found[1:]]
     told = placements(
         minima,
         lambda s: (sure if s.graph is graph else s.graph.sureness(s.walks, s.judgement)).relative,

@@ -99,7 +99,7 @@ def _alternatives(recording: Recording, outcome: Outcome) -> tuple[Alternative, 
         return ()
     return tuple(
         Alternative(
-            cost - outcome.costs[0],
+            max(cost - outcome.costs[0], 0.0),
             {user.name: _frame(outcome, u, n) for u, user in enumerate(recording.users) if not np.isnan(frames[u, 0])},
         )
         for n, (cost, frames) in enumerate(zip(outcome.costs, outcome.frames, strict=True))

@@ -20,6 +20,7 @@ from synchronizar.walks import Walks, interpolated
 _ANNEALING = (4.0, 2.0)
 _FIRST_ROUNDS = 2
 _ROUNDS = 8
+_REFINING_ROUNDS = 4
 _HOPELESS = 50.0  # of log likelihood: more than settling may gain
 _NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
 _TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
@@ -49,15 +50,21 @@ def by_cost(settled: Settled) -> float:
 
 def settle_all(graph: AnchoredGraph, starts: list[Walks], model: Model) -> list[Settled]:
     """The minima that some walks and their mirror images lead to, best first."""
-    found: list[Settled] = []
-    for walks in starts:
-        _follow(graph, walks, found, _ANNEALING)
+    found = settle_each(graph, starts, _ANNEALING)
     if graph.free:
         mirrored: Settled | None = None
         while mirrored is not min(found, key=by_cost):  # a mirror image may be better, and have images of its own
             mirrored = min(found, key=by_cost)
             for walks in _images(mirrored, model):
                 _follow(graph, walks, found, ())
+    return sorted(found, key=by_cost)
+
+
+def settle_each(graph: AnchoredGraph, starts: list[Walks], annealing: tuple[float, ...]) -> list[Settled]:
+    """The minima that some walks lead to, best first."""
+    found: list[Settled] = []
+    for walks in starts:
+        _follow(graph, walks, found, annealing)
     return sorted(found, key=by_cost)
 
 
@@ -100,25 +107,30 @@ def _images(settled: Settled, model: Model) -> Iterator[Walks]:
 
 
 def refine(coarse: Settled, graph: AnchoredGraph) -> Settled:
-    """The same placement at the keyframes of another graph; what ranges are worth measured on what it leaves."""
-    walks = interpolated(coarse.walks, coarse.graph.keyframes, graph.keyframes)
-    walks, judgement, _ = graph.settle(walks, graph.first_judgement(), 2)
-    for _ in range(2):
-        walks, judgement, cost = graph.settle(walks, graph.measured(walks, judgement), 4)
-    return Settled(graph, walks, judgement, cost)
+    """The same placement at the keyframes of another graph; what ranges are worth measured on what is left of them."""
+    judgement = coarse.graph.measured(coarse.walks, coarse.judgement)
+    walks, judgement, _ = coarse.graph.settle(coarse.walks, judgement, _REFINING_ROUNDS)
+    walks = interpolated(walks, coarse.graph.keyframes, graph.keyframes)
+    first = replace(graph.first_judgement(), worth=judgement.worth)
+    walks, judgement, _ = graph.settle(walks, first, _REFINING_ROUNDS)
+    return Settled(graph, *graph.settle(walks, graph.measured(walks, judgement), _REFINING_ROUNDS))
 
 
 def compare(found: list[Settled], best: Settled, model: Model) -> list[Settled]:
-    """The minima that explain the ranges, best first, with ranges worth what the best one's residuals say."""
+    """The best of them as it is refined, then those others that explain the ranges too, likeliest first.
+
+    All costs are those that the minima found have with ranges worth what the best one's residuals say.
+    """
     if len(found) == 1:
-        return found
+        return [best]
     likely = [s for s in found if s.cost < found[0].cost + _HOPELESS][:_MOST_COMPARED]
     compared = []
     for s in likely:
         judgement = replace(s.judgement, worth=best.judgement.worth)
-        compared.append(Settled(s.graph, *s.graph.settle(s.walks, judgement, 4)))
-    compared.sort(key=by_cost)
+        compared.append(Settled(s.graph, *s.graph.settle(s.walks, judgement, _REFINING_ROUNDS)))
     _, honest = best.graph.honest(best.walks, best.judgement)
     late = len(honest) > 0 and float((honest < 0.5).mean()) > model.doubtful_share
     excluded = model.cost_excluded_late if late else model.cost_excluded
-    return [s for s in compared if s.cost <= compared[0].cost + excluded]
+    first, *others = compared
+    others = [s for s in others if s.cost <= first.cost + excluded]
+    return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]

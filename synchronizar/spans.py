@@ -15,10 +15,11 @@ from synchronizar.keyframes import Keyframes
 from synchronizar.model import Model
 from synchronizar.recording import Recording
 from synchronizar.samples import Samples
-from synchronizar.settled import Settled, settle_all
+from synchronizar.settled import Settled, settle_all, settle_each
 from synchronizar.walks import Walks
 
 _KEYFRAMES = 20  # of a stretch, while placements are compared
+_ANNEALING = 3.0  # of a stretch that was just added: SLAM has drifted there
 _MOST_GROWN = 2  # joint placements that are followed into a longer stretch
 _WHOLE = 2.0  # first stretches: a recording that is no longer is taken as a whole
 
@@ -50,7 +51,8 @@ def search_and_grow(
         if not found:
             found = settle_all(graph, _search(part, graph, model), model)
         else:
-            found = settle_all(graph, [_joined(graph, s, known, model) for s in found[:_MOST_GROWN]], model)
+            likely = [s for s in found[:_MOST_GROWN] if s.cost < found[0].cost + model.cost_excluded_late]
+            found = settle_each(graph, [_joined(graph, s, known, model) for s in likely], (_ANNEALING,))
         known = tied
         if tied == placed and inside.all():
             return found

@@ -141,6 +141,13 @@ def test_antennas_that_take_turns_are_compared_each_with_itself() -> None:
     assert of_one.mean() > 3.0 * of_links.mean()
 
 
+def test_ranges_of_different_antennas_tell_nothing_of_one_another() -> None:
+    """Each range is between two antennas of its own: what the model says stays, but for what chance may show."""
+    samples, links = one_pair(200), np.arange(200, dtype=np.int32)
+    alone = worth(samples, np.full(200, 0.1), np.ones(200), np.ones(200), links, MODEL)
+    np.testing.assert_allclose(inside(alone), 1.0 / (1.0 + 24.0 * (0.5 - 1.5**2 / 20.0 / 0.5)))
+
+
 def test_few_ranges_are_judged_by_the_model() -> None:
     """Two ranges, an eighth of a second apart, by hand."""
     whitened = np.array([1.2, -0.5])

@@ -32,7 +32,9 @@ Eigen::Matrix<Complex, 3, 1> antenna(const End& end, const Antenna& a, const Del
   const UserPose& user = end.pose;
   const Complex scale = std::exp(end.device.log_scale + d[at + 8]);
   const Complex clock = end.device.clock_offset + d[at + 10];
-  const auto beside = [&](int axis) { return scale * a.offset[axis] + a.lever[axis] + clock * a.velocity[axis]; };
+  const auto beside = [&](int axis) {
+    return scale * a.offset[axis] + a.lever[axis] + clock * a.velocity[axis];
+  };
   const auto turned = [](Complex yaw, Complex x, Complex y) {
     return std::pair(std::cos(yaw) * x - std::sin(yaw) * y, std::sin(yaw) * x + std::cos(yaw) * y);
   };
@@ -154,14 +156,16 @@ struct Sum {
 };
 
 void a_residual_is_predicted_minus_measured() {
-  // In SLAM's lengths, half as long as they ought to be: the keyframe is at (1, 0, 0.5), the antenna (1, 0, 0.25)
-  // from there and its lever (0, 1, 0.1) m. Half a second late it is (1, 0, 0.2) m further: (3, 1, 0.8) m from the
-  // keyframe, or (-1, 3, 0.8) in the user's axes, and at (1, 3, 1.8) m. Turned by a quarter: (7, 21, 6.8).
+  // In SLAM's lengths, half as long as they ought to be: the keyframe is at (1, 0, 0.5), the antenna (1, 0,
+  // 0.25) from there and its lever (0, 1, 0.1) m. Half a second late it is (1, 0, 0.2) m further: (3, 1, 0.8)
+  // m from the keyframe, or (-1, 3, 0.8) in the user's axes, and at (1, 3, 1.8) m. Turned by a quarter: (7,
+  // 21, 6.8).
   const double quarter = std::acos(0.0);
   const UserPose pose_i{10.0, 20.0, quarter, 5.0, 1.0, 0.0, quarter, 0.5}, pose_j{7.0, 24.0, 0.3, 2.8};
   const Device device_i{std::log(2.0), 0.3, 0.5}, device_j{0.7, -0.1, -0.4};
   Ranges one(1);
-  one.set(0, {{1.0, 0.0, 0.25}, {0.0, 1.0, 0.1}, {2.0, 0.0, 0.4}}, {Vector3::Zero(), Vector3::Zero(), Vector3::Zero()});
+  one.set(0, {{1.0, 0.0, 0.25}, {0.0, 1.0, 0.1}, {2.0, 0.0, 0.4}},
+          {Vector3::Zero(), Vector3::Zero(), Vector3::Zero()});
   one.measured[0] = 4.7;
   one.sigma[0] = 0.1;
   one.late_odds[0] = 0.0;
@@ -255,7 +259,8 @@ void a_range_that_is_worth_two_is_two() {
       CHECK_NEAR(cost(once, {kind}), cost(twice, {kind}), 1e-12 * cost(twice, {kind}));
       const auto a = square_root(once, {kind}), b = square_root(twice, {kind});
       const auto expected = (b.transpose() * b).eval();
-      CHECK_NEAR((a.transpose() * a - expected).cwiseAbs().maxCoeff(), 0.0, 1e-12 * expected.cwiseAbs().maxCoeff());
+      CHECK_NEAR((a.transpose() * a - expected).cwiseAbs().maxCoeff(), 0.0,
+                 1e-12 * expected.cwiseAbs().maxCoeff());
     }
   }
 }
