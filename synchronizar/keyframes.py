@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,10 +42,6 @@ class Keyframes:
         """(3,) what the device's own frame is solved about: its first place, but its own origin in height."""
         return np.append(self.place[0, :2], 0.0)
 
-    def as_noisy(self, metres: float, radians: float) -> Keyframes:
-        """The same with steps so many times as noisy, in place and in heading."""
-        return replace(self, step_sigma=self.step_sigma * np.array([metres, metres, radians]))
-
     def nearest(self, t: Array) -> Indices:
         """(m,) the keyframe whose turn it is at each time."""
         return np.searchsorted(self.until, t).astype(np.int32)
@@ -56,7 +52,7 @@ STANDING = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0
 
 
 def keyframes_of(mended: Mended, interval: float, model: Model) -> Keyframes:
-    """Every `interval` s at most, at both ends of the track, and on both sides of each jump and gap."""
+    """At multiples of `interval` s, at both ends of the track, and on both sides of each jump and gap."""
     track, segment = mended.track, mended.segment
     broken = (np.diff(segment) != 0) | (np.diff(track.t) > model.longest_pose_gap)
     begins = np.concatenate([[0], np.flatnonzero(broken) + 1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.geometry import YawFrame
 from synchronizar.graph import RigidGraph, blocks_of
 from synchronizar.model import Model
+from synchronizar.pipeline import register
 from synchronizar.ranges import Ranges
 from synchronizar.recording import Recording
 from synchronizar.registration import Registration
@@ -20,6 +22,8 @@ from synchronizar.track import Track
 from synchronizar.user import User
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+register_rigid = partial(register, kind="rigid")
 
 
 def track_of(t: Array, position: Array) -> Track:

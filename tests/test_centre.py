@@ -3,10 +3,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from solver_scenes import register_rigid as register
 
 from synchronizar.centre import about_origins, errors_about_origins
 from synchronizar.geometry import apply_frames
-from synchronizar.pipeline import register
 from synchronizar.recording import Recording
 from synchronizar.scene import Scene
 from synchronizar.simulate import simulate

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from reference_kernel import loss_value
 from solver_scenes import difference, distances, frames_of, recording_of, rigid_graph, track_of, true_frames
+from solver_scenes import register_rigid as register
 
 from synchronizar._core import Late, judge_bursts
 from synchronizar.arrays import Array
 from synchronizar.graph import RigidGraph, blocks_of, height_sigma_of, keys_of
 from synchronizar.model import Model
-from synchronizar.pipeline import register
 from synchronizar.samples import Samples, pairs
 from synchronizar.simulate import Scene, Simulation, simulate
 from synchronizar.user import User

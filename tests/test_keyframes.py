@@ -134,13 +134,6 @@ def test_of_a_step_without_gravity_the_length_alone_is_known() -> None:
     assert keyframes.step_sigma[2, 0] < 1.0
 
 
-def test_steps_are_made_noisier_in_place_and_in_heading_apart() -> None:
-    keyframes = Keyframes(np.arange(2.0), np.zeros((2, 3)), np.array([[0.1, 0.2, 0.3]]), np.array([0.5]))
-    noisier = keyframes.as_noisy(2.0, 10.0)
-    np.testing.assert_allclose(noisier.step_sigma, [[0.2, 0.4, 3.0]])
-    np.testing.assert_array_equal(noisier.t, keyframes.t)
-
-
 def test_the_anchor_is_the_first_place_at_the_height_of_the_origin() -> None:
     keyframes = Keyframes(
         np.arange(2.0), np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.ones((1, 3)), np.array([0.5])

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from solver_scenes import LEVEL, difference, frames_of, moved_by, offs, recording_of, track_of, true_frames
+from solver_scenes import register_rigid as register
 
 import synchronizar as sz
 from synchronizar.arrays import Array
 from synchronizar.errors import InputError
 from synchronizar.geometry import YawFrame
-from synchronizar.pipeline import register
 from synchronizar.ranges import Ranges
 from synchronizar.recording import Recording
 from synchronizar.registration import Registration, State

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from solver_scenes import frames_of, off_in_plane, offs, recording_of, track_of
+from solver_scenes import register_rigid as register
 
 from synchronizar.geometry import YawFrame
 from synchronizar.model import Model
-from synchronizar.pipeline import register
 from synchronizar.placement import moved
 from synchronizar.registration import Registration, State
 from synchronizar.report import registration_json
