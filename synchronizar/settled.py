@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from synchronizar.graph import RigidGraph, blocks_of
 from synchronizar.mirrors import height_mirrors, reflections
 from synchronizar.model import Model
 from synchronizar.placement import SAME
+from synchronizar.slips import relaid
 from synchronizar.walks import Walks, interpolated
 
 _ANNEALING = (4.0, 2.0)
@@ -55,7 +57,7 @@ def settle_all(graph: AnchoredGraph, starts: list[Walks], model: Model) -> list[
         mirrored: Settled | None = None
         while mirrored is not min(found, key=by_cost):  # a mirror image may be better, and have images of its own
             mirrored = min(found, key=by_cost)
-            for walks in _images(mirrored, model):
+            for walks in chain(relaid(graph, mirrored.walks, model), _images(mirrored, model)):
                 _follow(graph, walks, found, ())
     return sorted(found, key=by_cost)
 
@@ -70,7 +72,7 @@ def settle_each(graph: AnchoredGraph, starts: list[Walks], annealing: tuple[floa
 
 def _follow(graph: AnchoredGraph, walks: Walks, found: list[Settled], annealing: tuple[float, ...]) -> None:
     """Add the minimum that some walks lead to, unless it is known."""
-    judgement = graph.first_judgement()
+    judgement = _undecided(graph.first_judgement())
     for wide in annealing:
         walks, judgement, _ = graph.settle(walks, judgement, 3, wide)
     settled = Settled(graph, *graph.settle(walks, judgement, _FIRST_ROUNDS))
@@ -80,6 +82,14 @@ def _follow(graph: AnchoredGraph, walks: Walks, found: list[Settled], annealing:
     frames = settled.frames
     if not any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in found):
         found.append(settled)
+
+
+def _undecided(judgement: Judgement) -> Judgement:
+    """Ranges worth the geometric mean of what they are by themselves and at worst: which of both holds shows later.
+
+    With the least of it, half a walk of ranges that pass for late would be cheaper than one slip of SLAM.
+    """
+    return replace(judgement, worth=np.sqrt(judgement.worth))
 
 
 def _images(settled: Settled, model: Model) -> Iterator[Walks]:
