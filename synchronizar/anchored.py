@@ -35,7 +35,6 @@ _STALE_CLOCK = 0.005  # s: antennas that were read for a clock further off are r
 _GAIN = 0.05  # of log likelihood: what gains less changes nothing that could be measured
 _GAIN_A_RANGE = 2e-6  # nor does what gains less a range
 _ITERATIONS = 10
-_NOISE_ROUNDS = 10
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,8 @@ class Judgement:
     """(n,) as how many independent ranges each counts."""
     step_weight: list[Array]
     """Of each user (m - 1,): how far each of SLAM's steps is believed; Student's t."""
+    device_weight: Array
+    """(k + 1, 3): the same of each device's scale, bias and clock being as usual, and of what is usual being none."""
 
 
 class Sureness(NamedTuple):
@@ -129,7 +130,7 @@ class AnchoredGraph:
         """Nothing is known yet."""
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         first = worth_before(self.samples, self.model)
-        return Judgement(self.samples.late_odds, first, weights)
+        return Judgement(self.samples.late_odds, first, weights, np.ones((len(self.users) + 1, 3)))
 
     def judged(self, walks: Walks, before: Judgement) -> tuple[Judgement, float]:
         """How late, how believable everything is at these walks; and their negative log likelihood.
@@ -150,7 +151,8 @@ class AnchoredGraph:
             squares = (steps(walks.local[u], self.keyframes[u]) ** 2).sum(axis=1)
             weights[u], tail = _student(squares, m.drift_tail, 4)
             cost += tail
-        return Judgement(odds, before.worth, weights), cost + self._prior_cost(walks)
+        device_weight, tail = self._judged_devices(walks, before)
+        return Judgement(odds, before.worth, weights, device_weight), cost + tail + self._height_cost(walks)
 
     def measured(self, walks: Walks, judgement: Judgement) -> Judgement:
         """The same, what ranges are worth measured on their residuals."""
@@ -158,14 +160,26 @@ class AnchoredGraph:
         _, weight, _ = judge(whitened, self.sigma, judgement.late_odds, self._loss)
         return replace(judgement, worth=worth(self.samples, self.sigma, whitened, weight, self._links, self.model))
 
-    def _prior_cost(self, walks: Walks) -> float:
+    def _judged_devices(self, walks: Walks, before: Judgement) -> tuple[Array, float]:
+        """The weights (k + 1, 3) of the devices, the last row that of what they have in common; and the cost."""
         own, common = device_sigmas(self.model)
-        device = walks.device[self.placed]
-        kind = _kind(device, self.model)
-        squares = ((device - kind) ** 2 / own**2).sum() + (kind**2 / common**2).sum()
+        kind = self._kind(walks, before)
+        squares = np.zeros((len(self.users) + 1, 3))
+        squares[self.placed] = ((walks.device[self.placed] - kind) / own) ** 2
+        squares[-1] = (kind / common) ** 2
+        return _student(squares, self.model.device_tail, 1)
+
+    def _kind(self, walks: Walks, judgement: Judgement) -> Array:
+        """(3,) the most likely common part of the devices."""
+        own, common = device_sigmas(self.model)
+        weight = judgement.device_weight[self.placed] / own**2
+        total = weight.sum(axis=0) + judgement.device_weight[-1] / common**2
+        return np.asarray((weight * walks.device[self.placed]).sum(axis=0) / total)
+
+    def _height_cost(self, walks: Walks) -> float:
         heights, weight = walks.frames[self.placed, 2], self._from_level[self.placed] ** -2
         level = float(weight @ heights / weight.sum())
-        return 0.5 * float(squares + (weight * (heights - level) ** 2).sum())
+        return 0.5 * float((weight * (heights - level) ** 2).sum())
 
     # The graph
 
@@ -183,7 +197,9 @@ class AnchoredGraph:
                 return walks, judgement, cost
             before = cost
             factors = self.factors(about, judgement, annealing)
-            values = optimize(factors, self.values(walks), self.ordering(), _ITERATIONS, 0.25 * gain, self._reading)
+            values = optimize(
+                factors, self.values(walks, judgement), self.ordering(), _ITERATIONS, 0.25 * gain, self._reading
+            )
             walks = self.walks(values, walks)
         judgement, cost = self.judged(walks, judgement)
         return walks, judgement, cost
@@ -191,7 +207,7 @@ class AnchoredGraph:
     def factors(self, about: Array, judgement: Judgement, annealing: float = 1.0) -> gtsam.NonlinearFactorGraph:
         """Priors, with those of places and headings, which say nothing, about frames (k, 4); SLAM's steps; ranges."""
         graph = gtsam.NonlinearFactorGraph()
-        self._add_priors(graph, about)
+        self._add_priors(graph, about, judgement)
         for u in self.placed:
             self._add_steps(graph, u, judgement.step_weight[u])
         s, (i, j) = self.samples, self._ends
@@ -210,18 +226,19 @@ class AnchoredGraph:
             graph.add(DeviceBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._reading))
         return graph
 
-    def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array) -> None:
+    def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, judgement: Judgement) -> None:
         m, noise = self.model, gtsam.noiseModel
         wide = noise.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, m.yaw_sigma]))
         for u in self.free:
             x, y, _, yaw = about[u].tolist()
             graph.addPriorPose2(_frame(u), gtsam.Pose2(x, y, yaw), wide)
             graph.add(gtsam.BetweenFactorDouble(_LEVEL, _height(u), 0.0, noise.Isotropic.Sigma(1, self._from_level[u])))
-        own, common = (noise.Diagonal.Sigmas(sigmas) for sigmas in device_sigmas(m))
+        own, common = device_sigmas(m)
+        weight = np.sqrt(judgement.device_weight)
         for u in self.placed:
             usual = np.array([0.0, 0.0, -self._clock[u]])
-            graph.add(gtsam.BetweenFactorVector(_KIND, _device(u), usual, own))
-        graph.addPriorVector(_KIND, np.zeros(3), common)
+            graph.add(gtsam.BetweenFactorVector(_KIND, _device(u), usual, noise.Diagonal.Sigmas(own / weight[u])))
+        graph.addPriorVector(_KIND, np.zeros(3), noise.Diagonal.Sigmas(common / weight[-1]))
         graph.addPriorDouble(_LEVEL, 0.0, noise.Isotropic.Sigma(1, self._from_level[self.reference]))
 
     def _add_steps(self, graph: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:
@@ -269,7 +286,7 @@ class AnchoredGraph:
         frames = [key for u in self.free for key in (_frame(u), _height(u))]
         return [*frames, *(_device(u) for u in self.placed), _KIND, _LEVEL]
 
-    def values(self, walks: Walks) -> gtsam.Values:
+    def values(self, walks: Walks, judgement: Judgement) -> gtsam.Values:
         """Gtsam's values at these walks."""
         values = gtsam.Values()
         for u in self.placed:
@@ -282,7 +299,7 @@ class AnchoredGraph:
                 if n > 0:
                     values.insert(_pose(u, n), gtsam.Pose2(x, y, yaw))
                     values.insert(_local_height(u, n), z)
-        values.insert(_KIND, _kind(walks.device[self.placed], self.model))
+        values.insert(_KIND, self._kind(walks, judgement))
         weight = self._from_level[self.placed] ** -2
         values.insert(_LEVEL, float(weight @ walks.frames[self.placed, 2] / weight.sum()))
         return values
@@ -302,44 +319,6 @@ class AnchoredGraph:
                 local[u][n] = at.x(), at.y(), values.atDouble(_local_height(u, n)), at.theta()
         return Walks(frames, local, device)
 
-    # How good everybody's SLAM is
-
-    def step_noise(self, walks: Walks, judgement: Judgement) -> Array:
-        """(k, 2): how many times as noisy as the model says each user's steps are, in the plane and in heading.
-
-        Expectation maximisation on the graph as it is linearised here: the expected square of a step's error is that of
-        the most likely one and its posterior variance (Shumway and Stoffer 1982); `drift_weight` steps say 1.
-        """
-        values, keys = self.values(walks), [*self._keyframe_keys(set()), *self._shared_keys()]
-        graph = gtsam.NonlinearFactorGraph()
-        whose = []
-        for u in self.placed:
-            before = graph.size()
-            self._add_steps(graph, u, judgement.step_weight[u])
-            whose += [u] * ((graph.size() - before) // 2)
-        if not whose:
-            return np.ones((len(self.users), 2))
-        jacobian, wanted = _dense(graph, values, keys)
-        # Each step has rows of x, y, heading and height, in units of its sigma.
-        rows, wanted = jacobian.reshape(-1, 4, jacobian.shape[1]), wanted.reshape(-1, 4)
-        hessian, slope = self.factors(walks.frames, judgement).linearize(values).hessian(_ordering(keys))
-        hessian, slope = hessian - jacobian.T @ jacobian, slope - jacobian.T @ wanted.ravel()
-
-        user = np.array(whose)
-        count = np.bincount(user, minlength=len(self.users))
-        noise = np.ones((len(self.users), 2))
-        for _ in range(_NOISE_ROUNDS):
-            weight = 1.0 / noise[user][:, [0, 0, 1, 0]] ** 2
-            weighted = rows * weight[..., None]
-            covariance = np.linalg.inv(hessian + np.einsum("nrc,nrd->cd", weighted, rows))
-            step = covariance @ (slope + np.einsum("nrc,nr->c", weighted, wanted))
-            square = (rows @ step - wanted) ** 2 + np.einsum("nrc,cd,nrd->nr", rows, covariance, rows, optimize=True)
-            of_user = np.array([np.bincount(user, square[:, r], len(self.users)) for r in range(3)])
-            prior = self.model.drift_weight
-            plane = (2.0 * prior + of_user[0] + of_user[1]) / (2.0 * (prior + count))
-            noise = np.sqrt(np.column_stack([plane, (prior + of_user[2]) / (prior + count)]))
-        return noise
-
     # How sure it is
 
     def sureness(self, walks: Walks, judgement: Judgement) -> Sureness:
@@ -353,7 +332,7 @@ class AnchoredGraph:
             if (last := len(self.keyframes[u]) - 1) > 0
             for key in (_pose(u, last), _local_height(u, last))
         ]
-        linear = self.factors(walks.frames, judgement).linearize(self.values(walks))
+        linear = self.factors(walks.frames, judgement).linearize(self.values(walks, judgement))
         others = _ordering(list(self._keyframe_keys(set(wanted))))
         if others.size():
             _, linear = linear.eliminatePartialSequential(others)
@@ -433,23 +412,6 @@ def device_sigmas(model: Model) -> tuple[Array, Array]:
     return own, np.array([m.scale_common_sigma, m.bias_common_sigma, m.clock_common_sigma])
 
 
-def _kind(device: Array, model: Model) -> Array:
-    """(3,) the most likely common part of devices (k, 3)."""
-    own, common = device_sigmas(model)
-    return np.asarray(device.sum(axis=0) / own**2 / (len(device) / own**2 + 1.0 / common**2))
-
-
-def _dense(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: list[int]) -> tuple[Array, Array]:
-    """The linearised graph's matrix (n, d) over all keys, those that it does not know too, and its right side (n,)."""
-    known = set(graph.keyVector())
-    matrix, right = graph.linearize(values).jacobian(_ordering([key for key in keys if key in known]))
-    columns = [np.arange(at.start, at.stop) for key, at in zip(keys, _rows(keys), strict=True) if key in known]
-    size = _rows(keys)[-1].stop
-    out = np.zeros((len(matrix), size))
-    out[:, np.concatenate(columns)] = matrix
-    return out, np.asarray(right)
-
-
 def _frame(user: int) -> int:
     return int(gtsam.symbol("F", user))
 
@@ -485,9 +447,13 @@ def _ordering(keys: list[int]) -> gtsam.Ordering:
 
 
 def _student(squares: Array, freedom: float, dimension: int) -> tuple[Array, float]:
-    """Of Student's t, given squared Mahalanobis distances: the weights of its scale mixture, and its cost."""
-    weight = (freedom + dimension) / (freedom + squares)
-    return weight, float(0.5 * (freedom + dimension) * np.log1p(squares / freedom).sum())
+    """Of Student's t, given squared distances in units of sigma: the weights of its scale mixture, and its cost.
+
+    Scaled so that it bends at 0 like the normal with that sigma: what is smooth because it was solved for, with smaller
+    squares than noise has, must not pass for less noise than there is.
+    """
+    f = freedom + dimension
+    return f / (f + squares), float(0.5 * f * np.log1p(squares / f).sum())
 
 
 def _links(recording: Recording, samples: Samples) -> Indices:

@@ -21,6 +21,7 @@ from synchronizar.placement import placements
 from synchronizar.recording import Recording
 from synchronizar.samples import Samples, samples_of
 from synchronizar.settled import Settled, compare, refine
+from synchronizar.slips import slips
 from synchronizar.spans import coarse_interval, search_and_grow
 from synchronizar.track import Track
 from synchronizar.verdict import Verdict, verdicts
@@ -96,9 +97,12 @@ def _outcome(
     sigma = np.sqrt(devices)
     sigma[:, SCALE] *= scale
     tracks = {}
+    jumps = {name: of_user.jumps for name, of_user in mended.items()}
     for u, user in enumerate(users):
         if user.static or u not in graph.placed:
             continue
+        found = [*jumps[user.name], *slips(walks, graph, u, smooth.tracks[user.name])]
+        jumps[user.name] = tuple(sorted(found, key=lambda jump: jump.t))
         track, _ = common_track(walks, u, graph.keyframes[u], smooth.tracks[user.name])
         tracks[user.name] = Track(track.t, track.position + origin, track.quat_xyzw)
     return Outcome(
@@ -116,7 +120,7 @@ def _outcome(
         device=device,
         device_sigma=sigma,
         tracks=tracks,
-        jumps={name: of_user.jumps for name, of_user in mended.items()},
+        jumps=jumps,
     )
 
 

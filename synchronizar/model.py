@@ -68,6 +68,8 @@ class Model:
     """s, of each device's clock against that of the ranges;"""
     clock_common_sigma: float = 0.07
     """and of all: the ranges' own delay."""
+    device_tail: float = 10.0
+    """Degrees of freedom of Student's t, as which all of these are distributed: most devices are fine, some are not."""
 
     # How the errors of successive ranges hang together
     multipath_sigma: float = 0.15
@@ -149,7 +151,7 @@ class Model:
     """A placement that is off by more than this, anywhere on the user's own walk, is wrong."""
     largest_yaw_error: float = 0.5
     """A heading that is off by more than this is wrong."""
-    wrong_share: float = 1e-3
+    wrong_share: float = 5e-3
     """A user is registered when the probability that its placement is wrong is below this."""
     largest_rejected: float = 0.75
     """A user of whose ranges more are rejected is not registered."""

@@ -60,7 +60,7 @@ class UserRegistration:
     device_sigma: DeviceSigma | None = None
     """1 sigma of its scale, range_bias and clock_offset; None where they are taken for known."""
     jumps: tuple[Jump, ...] = ()
-    """Where its SLAM moved and it did not, in the order of time."""
+    """Where its SLAM jumped or slipped and it did not, in the order of time."""
     common_track: Track | None = None
     """Its poses in the common frame at its own stamps, SLAM's drift and jumps taken out; None where SLAM is trusted."""
 
