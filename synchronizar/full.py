@@ -20,14 +20,12 @@ from synchronizar.outcome import Outcome
 from synchronizar.placement import placements
 from synchronizar.recording import Recording
 from synchronizar.samples import Samples, samples_of
-from synchronizar.settled import Settled, compare, refine
+from synchronizar.settled import BETTER, Settled, compare, refine
 from synchronizar.slips import slips
 from synchronizar.spans import coarse_interval, search_and_grow
 from synchronizar.track import Track
 from synchronizar.verdict import Verdict, verdicts
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, common_track
-
-_BETTER = 1.0  # of log likelihood: what ranges are worth may turn the order of two placements
 
 
 def register_full(recording: Recording, reference: int, model: Model) -> Outcome:
@@ -45,7 +43,7 @@ def register_full(recording: Recording, reference: int, model: Model) -> Outcome
     fine = _keyframes(recording, mended, model.keyframe_interval, model)
     graph = AnchoredGraph(smooth, samples, fine, placed, reference, model)
     minima = compare(found, refine(found[0], graph), model)
-    if len(minima) > 1 and minima[1].cost < minima[0].cost - _BETTER:
+    if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # what ranges are worth may turn their order
         minima = compare([minima[1], *found], refine(minima[1], graph), model)
     return _outcome(recording, smooth, mended, minima, searched, model)
 

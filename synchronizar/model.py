@@ -68,7 +68,7 @@ class Model:
     """s, of each device's clock against that of the ranges;"""
     clock_common_sigma: float = 0.07
     """and of all: the ranges' own delay."""
-    device_tail: float = 10.0
+    device_tail: float = 20.0
     """Degrees of freedom of Student's t, as which all of these are distributed: most devices are fine, some are not."""
 
     # How the errors of successive ranges hang together

@@ -28,6 +28,7 @@ _NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is no
 _TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
 _MOST_IMAGES = 6  # that are followed of one minimum
 _MOST_COMPARED = 6
+BETTER = 1.0  # of log likelihood: less does not tell two minima apart
 
 
 class Settled(NamedTuple):
@@ -53,12 +54,14 @@ def by_cost(settled: Settled) -> float:
 def settle_all(graph: AnchoredGraph, starts: list[Walks], model: Model) -> list[Settled]:
     """The minima that some walks and their mirror images lead to, best first."""
     found = settle_each(graph, starts, _ANNEALING)
-    if graph.free:
-        mirrored: Settled | None = None
-        while mirrored is not min(found, key=by_cost):  # a mirror image may be better, and have images of its own
-            mirrored = min(found, key=by_cost)
-            for walks in chain(relaid(graph, mirrored.walks, model), _images(mirrored, model)):
-                _follow(graph, walks, found, ())
+    best = found[0]
+    while graph.free:
+        for walks in chain(relaid(graph, best.walks, model), _images(best, model)):
+            _follow(graph, walks, found, ())
+        better = min(found, key=by_cost)
+        if better.cost > best.cost - BETTER:
+            break
+        best = better  # and may have images of its own
     return sorted(found, key=by_cost)
 
 
