@@ -1,7 +1,7 @@
-"""Every real recording under a folder: what the rigid model makes of it.
+"""Every real recording under a folder: what either model makes of it.
 
-`python -m experiments.recordings ../shared/recordings`: registers each, compares it with its truth, and prints a table.
-SLAM whose scale drifts, clocks and radio biases are not in the rigid model: where a recording has them, it shows here.
+`python -m experiments.recordings ../shared/recordings [--model rigid]`: registers each, compares it with its truth, and
+prints a table.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import argparse
 import tempfile
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal
 
 from experiments.results import write_table
 from synchronizar import report
@@ -19,11 +19,11 @@ from synchronizar.pipeline import register
 from synchronizar.recording import Recording
 
 
-def row_of(folder: Path) -> dict[str, Any]:
+def row_of(folder: Path, kind: Literal["full", "rigid"]) -> dict[str, Any]:
     """What becomes of one recording."""
     began = perf_counter()
     recording = Recording.load(folder)
-    registration = register(recording, kind="rigid")
+    registration = register(recording, kind=kind)
     seconds = perf_counter() - began
     with tempfile.TemporaryDirectory() as out:
         report.write(registration, recording, out)
@@ -46,9 +46,11 @@ def main() -> None:
     """The table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--model", choices=["full", "rigid"], default="full")
     options = parser.parse_args()
     folders = sorted(f.parent for f in options.folder.glob("*/ranges.csv"))
-    print(write_table("recordings", [row_of(folder) for folder in folders], {"folder": str(options.folder)}))
+    rows = [row_of(folder, options.model) for folder in folders]
+    print(write_table(f"recordings_{options.model}", rows, {"folder": str(options.folder), "model": options.model}))
 
 
 if __name__ == "__main__":

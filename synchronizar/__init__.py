@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from synchronizar.errors import InputError
-    from synchronizar.factors import FixedUser, RangeBlockFactor, RangeFactor, UserKeys
+    from synchronizar.factors import (
+        DeviceBlockFactor,
+        DeviceKeys,
+        FixedUser,
+        RangeBlockFactor,
+        RangeFactor,
+        UserKeys,
+    )
     from synchronizar.geometry import YawFrame
     from synchronizar.model import Model
     from synchronizar.pipeline import register
@@ -25,6 +32,8 @@ if TYPE_CHECKING:
     from synchronizar.user import User
 
 _HOMES = {
+    "DeviceBlockFactor": "factors",
+    "DeviceKeys": "factors",
     "FixedUser": "factors",
     "InputError": "errors",
     "Model": "model",
@@ -42,6 +51,8 @@ _HOMES = {
 }
 
 __all__ = [
+    "DeviceBlockFactor",
+    "DeviceKeys",
     "FixedUser",
     "InputError",
     "Model",

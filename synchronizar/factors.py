@@ -9,6 +9,7 @@ distance: factors/range.h has the equations and the Jacobians.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import gtsam
@@ -138,6 +139,12 @@ class RangeBlockFactor(gtsam.CustomFactor):
         super().__init__(_BLOCK_NOISE, i.keys() + j.keys(), error)
 
 
+@cache
+def _columns(present: tuple[bool, ...], offset: int) -> list[slice]:
+    bounds = [(0, 3), (3, 4), (4, 7), (7, 8), (8, 11)]
+    return [slice(offset + a, offset + b) for there, (a, b) in zip(present, bounds, strict=True) if there]
+
+
 class DeviceKeys(NamedTuple):
     """The gtsam keys of a user whose device is not perfect; what is None is held where it is."""
 
@@ -162,12 +169,7 @@ class DeviceKeys(NamedTuple):
 
     def columns(self, offset: int) -> list[slice]:
         """Where each key's columns stand in a row of the core, whose columns for this user begin at `offset`."""
-        bounds = [(0, 3), (3, 4), (4, 7), (7, 8), (8, 11)]
-        return [
-            slice(offset + begin, offset + end)
-            for key, (begin, end) in zip(self[:5], bounds, strict=True)
-            if key is not None
-        ]
+        return _columns(tuple(key is not None for key in self[:5]), offset)
 
     def read(self, values: gtsam.Values) -> tuple[UserPose, Device]:
         """The user's pose and its device at these values."""

@@ -53,8 +53,10 @@ def by_cost(settled: Settled) -> float:
 
 def settle_all(graph: AnchoredGraph, starts: list[Walks], model: Model) -> list[Settled]:
     """The minima that some walks and their mirror images lead to, best first."""
-    found = settle_each(graph, starts, _ANNEALING)
-    best = found[0]
+    found: list[Settled] = []
+    for walks in starts:
+        _follow(graph, walks, found, _ANNEALING)
+    best = min(found, key=by_cost)
     while graph.free:
         for walks in chain(relaid(graph, best.walks, model), _images(best, model)):
             _follow(graph, walks, found, ())
@@ -65,12 +67,10 @@ def settle_all(graph: AnchoredGraph, starts: list[Walks], model: Model) -> list[
     return sorted(found, key=by_cost)
 
 
-def settle_each(graph: AnchoredGraph, starts: list[Walks], annealing: tuple[float, ...]) -> list[Settled]:
-    """The minima that some walks lead to, best first."""
-    found: list[Settled] = []
-    for walks in starts:
-        _follow(graph, walks, found, annealing)
-    return sorted(found, key=by_cost)
+def approach(graph: AnchoredGraph, walks: Walks, annealing: float) -> Settled:
+    """Walks that have come near to a minimum: enough to go on from."""
+    walks, judgement, _ = graph.settle(walks, _undecided(graph.first_judgement()), _FIRST_ROUNDS, annealing)
+    return Settled(graph, *graph.settle(walks, judgement, _FIRST_ROUNDS))
 
 
 def _follow(graph: AnchoredGraph, walks: Walks, found: list[Settled], annealing: tuple[float, ...]) -> None:

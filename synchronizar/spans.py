@@ -15,7 +15,7 @@ from synchronizar.keyframes import Keyframes
 from synchronizar.model import Model
 from synchronizar.recording import Recording
 from synchronizar.samples import Samples
-from synchronizar.settled import Settled, settle_all, settle_each
+from synchronizar.settled import Settled, approach, by_cost, settle_all
 from synchronizar.walks import Walks
 
 _KEYFRAMES = 20  # of a stretch, while placements are compared
@@ -52,7 +52,8 @@ def search_and_grow(
             found = settle_all(graph, _search(part, graph, model), model)
         else:
             likely = [s for s in found[:_MOST_GROWN] if s.cost < found[0].cost + model.cost_excluded_late]
-            found = settle_each(graph, [_joined(graph, s, known, model) for s in likely], (_ANNEALING,))
+            found = [approach(graph, _joined(graph, s, known, model), _ANNEALING) for s in likely]
+            found.sort(key=by_cost)
         known = tied
         if tied == placed and inside.all():
             return found
