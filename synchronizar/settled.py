@@ -140,7 +140,7 @@ def compare(found: list[Settled], best: Settled, model: Model) -> list[Settled]:
     compared = []
     for s in likely:
         judgement = replace(s.judgement, worth=best.judgement.worth)
-        compared.append(Settled(s.graph, *s.graph.settle(s.walks, judgement, _REFINING_ROUNDS)))
+        compared.append(Settled(s.graph, *s.graph.settle(s.walks, judgement, _FIRST_ROUNDS)))
     _, honest = best.graph.honest(best.walks, best.judgement)
     late = len(honest) > 0 and float((honest < 0.5).mean()) > model.doubtful_share
     excluded = model.cost_excluded_late if late else model.cost_excluded
