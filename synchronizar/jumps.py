@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array, Indices, Mask
-from synchronizar.geometry import multiply_quaternions, rotate_by_quaternions, wrap_angle, yaw_quaternion
+from synchronizar.geometry import multiply_quaternions, rotate_by_quaternions, yaw_of_quaternions, yaw_quaternion
 from synchronizar.model import Model
 from synchronizar.track import Track
 
@@ -82,7 +82,7 @@ def mend(track: Track, model: Model) -> Mended:
     away = np.linalg.norm(steps.way[at] - way[at], axis=1)
     jumps = tuple(
         Jump(float(track.t[k + 1]), int(k) + 1, float(distance), float(turn), float(tilt))
-        for k, distance, turn, tilt in zip(at, away, _yaw(change), _tilt(change), strict=True)
+        for k, distance, turn, tilt in zip(at, away, yaw_of_quaternions(change), _tilt(change), strict=True)
     )
     return Mended(Track(track.t, position, _unit(attitude)), jumps, segment, mended_from_slam, level)
 
@@ -219,7 +219,7 @@ def _continue(track: Track, steps: _Steps, jumped: Mask, least_tilt: float, mode
             turned = np.tile(_IDENTITY, (len(event), 1))
             rebuilt[event] = moved[event, 3:6]
         elif _tilt(turned[-1]) <= least_tilt:
-            turned = _yaw_quaternions(_yaw(turned))
+            turned = _yaw_quaternions(yaw_of_quaternions(turned))
         axes[event + 1] = _unit(multiply_quaternions(axes[event[0]], turned))
     way = steps.way.copy()
     way[at] = rebuilt
@@ -256,10 +256,10 @@ def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> tu
     duration = track.t[np.append(begin[1:], len(segment)) - 1] - track.t[begin]
     agree = up @ up.T >= np.cos(least_tilt)
     level = int(np.argmax(agree @ duration))
-    untilted = multiply_quaternions(yaw_quaternion(float(_yaw(axes[level]))), _inverse(axes[level]))
+    untilted = multiply_quaternions(yaw_quaternion(float(yaw_of_quaternions(axes[level]))), _inverse(axes[level]))
     levelled = multiply_quaternions(untilted, axes)
     kept = agree[level]
-    return np.where(kept[:, None], _yaw_quaternions(_yaw(levelled)), levelled), kept
+    return np.where(kept[:, None], _yaw_quaternions(yaw_of_quaternions(levelled)), levelled), kept
 
 
 def _unrest(away: Array) -> float:
@@ -329,11 +329,6 @@ def _angle_between(q: Array, others: Array) -> Array:
 def _tilt(q: Array) -> Array:
     """rad, 0 to pi: by how much quaternions (..., 4) turn the vertical."""
     return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., :2], axis=-1), np.linalg.norm(q[..., 2:], axis=-1)))
-
-
-def _yaw(q: Array) -> Array:
-    """How far (rad, within [-pi, pi)) quaternions (..., 4) turn about the vertical: what the shortest tilt leaves."""
-    return np.asarray(wrap_angle(np.asarray(2.0 * np.arctan2(q[..., 2], q[..., 3]))))
 
 
 def _yaw_quaternions(yaw: Array) -> Array:

@@ -15,6 +15,7 @@ from synchronizar.placement import moved
 from synchronizar.registration import Registration, State
 from synchronizar.report import registration_json
 from synchronizar.simulate import Scene, Simulation, simulate
+from synchronizar.verdict import _beyond_in_plane
 
 OFF = Model().largest_error
 
@@ -245,3 +246,25 @@ def test_a_user_with_a_single_range_to_a_standing_one_does_not_raise() -> None:
     registration = register(recording_of({"a": still, "b": still}, [(1.0, "a", "b", 2.0)]))
     assert states(registration)[0] is State.REGISTERED
     assert states(registration)[1] in (State.AMBIGUOUS, State.UNOBSERVABLE)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0])
+def test_the_probability_of_an_error_in_the_plane_is_near_the_share_of_two_million(ratio: float) -> None:
+    """For every ratio of the axes: from 0.83 of the share beyond the limit to 1.15 of it, chance (4 sigma) apart."""
+    long = 0.3
+    samples = np.random.default_rng(0).standard_normal((2, 2_000_000)) * [[long], [ratio * long]]
+    off = np.hypot(*samples)
+    for limit in long * np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5]):
+        beyond = int((off > limit).sum())
+        share, chance = beyond / off.size, 4.0 * np.sqrt(beyond) / off.size
+        told = _beyond_in_plane(float(limit), long, ratio * long)
+        assert 0.83 * (share - chance) <= told <= min(1.15 * share + chance, 1.0)
+
+
+def test_the_probability_of_an_error_in_the_plane_at_the_ends() -> None:
+    """Along a line it is the normal's own, of a circle Rayleigh's; where nothing is uncertain none."""
+    assert _beyond_in_plane(0.6, 0.3, 0.0) == pytest.approx(0.0455, abs=1e-4)
+    assert _beyond_in_plane(0.6, 0.3, 0.3) == pytest.approx(float(np.exp(-2.0)))
+    assert _beyond_in_plane(0.0, 0.3, 0.1) == 1.0
+    assert _beyond_in_plane(0.6, 0.0, 0.0) == 0.0
+    assert _beyond_in_plane(0.6, 0.3, 0.2) < _beyond_in_plane(0.5, 0.3, 0.2) < _beyond_in_plane(0.5, 0.4, 0.2)
