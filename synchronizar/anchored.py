@@ -33,7 +33,7 @@ _LEVEL = gtsam.symbol("L", 0)  # double (m): the height that all origins lie abo
 _KIND = gtsam.symbol("K", 0)  # Vector (3,): what all devices of a recording have in common, being of a kind
 _STALE_CLOCK = 0.005  # s: antennas that were read for a clock further off are read anew
 _GAIN = 0.05  # of log likelihood: what gains less changes nothing that could be measured
-_GAIN_A_RANGE = 1e-5  # nor does what gains less a range
+_GAIN_A_RANGE = 3e-5  # nor does what gains less a range
 _ITERATIONS = 10
 
 

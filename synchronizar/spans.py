@@ -42,6 +42,7 @@ def search_and_grow(
     users = recording.users
     begin, end = _first_stretch(samples, len(users), reference, model)
     found: list[Settled] = []
+    others: list[Array] = []
     known: list[int] = []
     while True:
         inside = _within(samples, begin, end)
@@ -50,15 +51,21 @@ def search_and_grow(
         graph = AnchoredGraph(recording, part, keyframes, tied, reference, model)
         if not found:
             found = settle_all(graph, _search(part, graph, model), model)
+            excluded = found[0].cost + model.cost_excluded_late
+            others = [s.walks.frames for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
-            likely = [s for s in found[:_MOST_GROWN] if s.cost < found[0].cost + model.cost_excluded_late]
-            found = [approach(graph, _joined(graph, s, known, model), _ANNEALING) for s in likely]
-            found.sort(key=by_cost)
+            found = [approach(graph, _joined(graph, found[0], known, model), _ANNEALING)]
         known = tied
         if tied == placed and inside.all():
-            return found
+            break
         length = end - begin
         begin, end = begin - 0.5 * length, end + 0.5 * length
+    if np.isfinite(begin):
+        # What else explained the first stretch is looked at again now that all is known.
+        walks = found[0].walks
+        elsewhere = [np.where(np.isnan(frames), walks.frames, frames) for frames in others]
+        found += [approach(graph, walks._replace(frames=frames), 1.0) for frames in elsewhere]
+    return sorted(found, key=by_cost)
 
 
 def _first_stretch(samples: Samples, users: int, reference: int, model: Model) -> tuple[float, float]:

@@ -62,9 +62,12 @@ def test_somebody_who_comes_after_the_first_stretch_is_placed(seed: int) -> None
     simulation = simulate(Scene(users=4, seconds=100.0, seed=seed))
     recording = without(without(simulation.recording, "phone3", 0.0, 40.0), "phone2", 60.0, 101.0)
     assert _first_stretch(samples_of(recording, SHORT), 4, 0, SHORT)[1] < 60.0
-    registration = register(recording, model=SHORT)
-    assert all(user.state is State.REGISTERED for user in registration.users.values())
-    assert max(offs(simulation, registration).values()) < 0.3
+    registration, whole = register(recording, model=SHORT), register(recording, model=WHOLE)
+    assert [user.state for user in registration.users.values()] == [user.state for user in whole.users.values()]
+    found = offs(simulation, registration)
+    assert set(found) == {"phone1", "phone2", "phone3"}
+    assert max(found.values()) < 0.3
+    assert between(registration.tracks(recording), whole.tracks(recording)) < 0.1
     assert registration.ranges.used.mean() > 0.9
 
 
