@@ -25,7 +25,7 @@ from experiments.full_oracle import common_from_world
 from experiments.results import write_table
 from experiments.walks import on_all_cores
 from synchronizar.arrays import Array
-from synchronizar.evaluate import _align, _match, _Matched, _read_tracks
+from synchronizar.evaluate import Matched, align, match, read_tracks
 from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.model import Model
 from synchronizar.pipeline import register
@@ -99,13 +99,13 @@ def squares_of(task: Task) -> list[Squares]:
 
 def real_rows(folder: Path) -> list[dict[str, Any]]:
     """A row for each user of a real recording that has truth and a placement, but for the reference."""
-    recording, truth = Recording.load(folder), _read_tracks(folder / "truth")
+    recording, truth = Recording.load(folder), read_tracks(folder / "truth")
     registration = register(recording)
     tracks, reference = registration.tracks(recording), registration.reference
-    laid = _match(tracks[reference], truth[reference]) if reference in truth else None
+    laid = match(tracks[reference], truth[reference]) if reference in truth else None
     if laid is None:
         return []
-    frame = _align([laid]).inverse()
+    frame = align([laid]).inverse()
     rows = []
     for name in sorted(truth.keys() & tracks.keys() - {reference}):
         user = registration.users[name]
@@ -133,17 +133,17 @@ def _error(user: UserRegistration, own: Track, estimated: Track, truth: Track, f
 
     `estimated` is the track in the common frame, `frame` takes the truth there.
     """
-    matched = _match(estimated, truth)
+    matched = match(estimated, truth)
     known = truth.at(estimated.t, 0.5).valid
     if matched is None or user.common_from_user is None or not known[-1]:
         return None
     last = estimated.t[known] > estimated.t[-1] - LAST_S
-    end = _Matched(matched.estimated[last], frame @ matched.true[last])
+    end = Matched(matched.estimated[last], frame @ matched.true[last])
     scale = _true_scale(own, truth)
     if not end.moved or scale is None:
         return None
     ours = user.common_from_user
-    turned = -_align([end]).yaw
+    turned = -align([end]).yaw
     p_true, p_own = end.true[-1], own.position[-1]
     true = YawFrame(yaw=wrap_angle(ours.yaw - turned), scale=scale)
     x, y, z = (p_true - true @ p_own).tolist()

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from synchronizar.anchored import AnchoredGraph, Judgement
+from synchronizar.anchored import AnchoredGraph
 from synchronizar.arrays import Array
 from synchronizar.geometry import (
     YawFrame,
@@ -138,10 +138,10 @@ def true_walks(graph: AnchoredGraph, simulation: Simulation, smooth: Recording) 
 def _maximum_likelihood(graph: AnchoredGraph, walks: Walks) -> Walks:
     """The minimum next to these walks; antennas are read anew while clocks still move."""
     about, ones = walks.frames, np.ones(len(graph.samples))
-    judgement = Judgement(0.0 * ones, ones, [np.ones(len(k.step_sigma)) for k in graph.keyframes])
+    judgement = replace(graph.first_judgement(), late_odds=0.0 * ones, worth=ones)
     for _ in range(_ROUNDS):
         before = walks.device[:, CLOCK].copy()
-        graph._read_antennas(before)
+        graph.read_antennas(before)
         factors = graph.factors(about, judgement)
         values = optimize(factors, graph.values(walks), graph.ordering(), 100, 1e-6)
         walks = graph.walks(values, walks)

@@ -86,9 +86,10 @@ class AnchoredGraph:
         self._from_level = np.array([height_sigma_of(user, model) for user in self.users]) / np.sqrt(2.0)
         self._links = _links(recording, samples)
         self._reading = Reading()
-        self._read_antennas(np.zeros(len(self.users)))
+        self.read_antennas(np.zeros(len(self.users)))
 
-    def _read_antennas(self, clock_offset: Array) -> None:
+    def read_antennas(self, clock_offset: Array) -> None:
+        """Read antennas off the tracks anew, for clock offsets (k,) s; keep those that the walks are solved for."""
         s = self.samples
         self._clock = clock_offset.copy()
         self._ends: tuple[Ends, Ends] = (
@@ -163,17 +164,17 @@ class AnchoredGraph:
     def _judged_devices(self, walks: Walks, before: Judgement) -> tuple[Array, float]:
         """The weights (k + 1, 3) of the devices, the last row that of what they have in common; and the cost."""
         own, common = device_sigmas(self.model)
-        kind = self._kind(walks, before)
+        kind = self._kind(walks, before.device_weight)
         squares = np.zeros((len(self.users) + 1, 3))
         squares[self.placed] = ((walks.device[self.placed] - kind) / own) ** 2
         squares[-1] = (kind / common) ** 2
         return _student(squares, self.model.device_tail, 1)
 
-    def _kind(self, walks: Walks, judgement: Judgement) -> Array:
-        """(3,) the most likely common part of the devices."""
+    def _kind(self, walks: Walks, device_weight: Array) -> Array:
+        """(3,) the most likely common part of the devices, by weights (k + 1, 3)."""
         own, common = device_sigmas(self.model)
-        weight = judgement.device_weight[self.placed] / own**2
-        total = weight.sum(axis=0) + judgement.device_weight[-1] / common**2
+        weight = device_weight[self.placed] / own**2
+        total = weight.sum(axis=0) + device_weight[-1] / common**2
         return np.asarray((weight * walks.device[self.placed]).sum(axis=0) / total)
 
     def _height_cost(self, walks: Walks) -> float:
@@ -191,15 +192,13 @@ class AnchoredGraph:
         gain = _GAIN + _GAIN_A_RANGE * len(self.samples)
         for _ in range(rounds):
             if np.abs(walks.device[:, CLOCK] - self._clock).max() > _STALE_CLOCK:
-                self._read_antennas(walks.device[:, CLOCK])
+                self.read_antennas(walks.device[:, CLOCK])
             judgement, cost = self.judged(walks, judgement)
             if before - cost < gain:
                 return walks, judgement, cost
             before = cost
             factors = self.factors(about, judgement, annealing)
-            values = optimize(
-                factors, self.values(walks, judgement), self.ordering(), _ITERATIONS, 0.25 * gain, self._reading
-            )
+            values = optimize(factors, self.values(walks), self.ordering(), _ITERATIONS, 0.25 * gain, self._reading)
             walks = self.walks(values, walks)
         judgement, cost = self.judged(walks, judgement)
         return walks, judgement, cost
@@ -286,7 +285,7 @@ class AnchoredGraph:
         frames = [key for u in self.free for key in (_frame(u), _height(u))]
         return [*frames, *(_device(u) for u in self.placed), _KIND, _LEVEL]
 
-    def values(self, walks: Walks, judgement: Judgement) -> gtsam.Values:
+    def values(self, walks: Walks) -> gtsam.Values:
         """Gtsam's values at these walks."""
         values = gtsam.Values()
         for u in self.placed:
@@ -299,7 +298,7 @@ class AnchoredGraph:
                 if n > 0:
                     values.insert(_pose(u, n), gtsam.Pose2(x, y, yaw))
                     values.insert(_local_height(u, n), z)
-        values.insert(_KIND, self._kind(walks, judgement))
+        values.insert(_KIND, self._kind(walks, np.ones((len(self.users) + 1, 3))))
         weight = self._from_level[self.placed] ** -2
         values.insert(_LEVEL, float(weight @ walks.frames[self.placed, 2] / weight.sum()))
         return values
@@ -332,7 +331,7 @@ class AnchoredGraph:
             if (last := len(self.keyframes[u]) - 1) > 0
             for key in (_pose(u, last), _local_height(u, last))
         ]
-        linear = self.factors(walks.frames, judgement).linearize(self.values(walks, judgement))
+        linear = self.factors(walks.frames, judgement).linearize(self.values(walks))
         others = _ordering(list(self._keyframe_keys(set(wanted))))
         if others.size():
             _, linear = linear.eliminatePartialSequential(others)

@@ -51,7 +51,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class _Matched:
+class Matched:
     """Positions of one user at the same n times, in the common frame and in the truth's: (n, 3) m each."""
 
     estimated: Array
@@ -59,6 +59,7 @@ class _Matched:
 
     @property
     def moved(self) -> bool:
+        """Whether the truth went far enough to have a heading."""
         return float(np.linalg.norm(np.ptp(self.true, axis=0))) >= MOVED_M
 
 
@@ -69,14 +70,14 @@ def evaluate(estimated: Mapping[str, Track], truth: Mapping[str, Track], referen
     """
     users = {}
     for name in sorted(truth):
-        matched = _match(estimated[name], truth[name]) if name in estimated else None
+        matched = match(estimated[name], truth[name]) if name in estimated else None
         if matched is not None:
             users[name] = matched
     missing = tuple(name for name in sorted(truth) if name not in users)
 
     joint = joint_xy = reference_ate = reference_ate_xy = None
     if users:
-        world_from_common = _align(list(users.values()))
+        world_from_common = align(list(users.values()))
         errors = np.array([_rmse(world_from_common, matched) for matched in users.values()])
         joint, joint_xy = np.sqrt(np.mean(errors**2, axis=0)).tolist()
 
@@ -84,13 +85,13 @@ def evaluate(estimated: Mapping[str, Track], truth: Mapping[str, Track], referen
     transfer: dict[str, float | None] = dict.fromkeys(others)
     transfer_xy, yaw = transfer.copy(), transfer.copy()
     if reference in users:
-        world_from_common = _align([users[reference]])
+        world_from_common = align([users[reference]])
         reference_ate, reference_ate_xy = _rmse(world_from_common, users[reference])
         if users[reference].moved:
             for name, matched in others.items():
                 transfer[name], transfer_xy[name] = _rmse(world_from_common, matched)
                 if matched.moved:
-                    yaw[name] = wrap_angle(_align([matched]).yaw - world_from_common.yaw)
+                    yaw[name] = wrap_angle(align([matched]).yaw - world_from_common.yaw)
     return Evaluation(reference, joint, joint_xy, reference_ate, reference_ate_xy, transfer, transfer_xy, yaw, missing)
 
 
@@ -100,10 +101,10 @@ def evaluate_folder(recording: Path, out: Path) -> Evaluation:
     The reference is the one that out/registration.json names, else the first by name whose truth moves. Raises
     InputError where there is no truth, no folder `out`, or a file that cannot be used.
     """
-    truth = _read_tracks(recording / "truth")
+    truth = read_tracks(recording / "truth")
     if not truth:
         raise InputError(recording / "truth", "holds no truth to compare with")
-    return evaluate(_read_tracks(out), truth, _reference(out / "registration.json", truth))
+    return evaluate(read_tracks(out), truth, _reference(out / "registration.json", truth))
 
 
 def evaluation_json(e: Evaluation) -> dict[str, object]:
@@ -120,7 +121,7 @@ def evaluation_json(e: Evaluation) -> dict[str, object]:
     }
 
 
-def _read_tracks(folder: Path) -> dict[str, Track]:
+def read_tracks(folder: Path) -> dict[str, Track]:
     """The tracks of a folder by the names of their files, z up; hidden files are not tracks."""
     with os_faults(folder):
         files = sorted(file for file in folder.iterdir() if file.suffix == ".tum" and not file.name.startswith("."))
@@ -137,19 +138,19 @@ def _reference(path: Path, truth: Mapping[str, Track]) -> str:
         raise InputError(path, "is no registration that names its reference") from e
 
 
-def _match(estimated: Track, truth: Track) -> _Matched | None:
+def match(estimated: Track, truth: Track) -> Matched | None:
     """Where the estimate and the truth are at the same times; None if there are none."""
     if len(truth) == 1:
-        return _Matched(estimated.position, np.broadcast_to(truth.position, estimated.position.shape))
+        return Matched(estimated.position, np.broadcast_to(truth.position, estimated.position.shape))
     if len(estimated) == 1:
-        return _Matched(np.broadcast_to(estimated.position, truth.position.shape), truth.position)
+        return Matched(np.broadcast_to(estimated.position, truth.position.shape), truth.position)
     poses = truth.at(estimated.t, MAX_GAP_S)
     if not poses.valid.any():
         return None
-    return _Matched(estimated.position[poses.valid], poses.position[poses.valid])
+    return Matched(estimated.position[poses.valid], poses.position[poses.valid])
 
 
-def _align(users: list[_Matched]) -> YawFrame:
+def align(users: list[Matched]) -> YawFrame:
     """`world_from_common` with the least squares of what remains, every user weighing the same."""
     estimated = np.concatenate([m.estimated for m in users])
     true = np.concatenate([m.true for m in users])
@@ -164,7 +165,7 @@ def _align(users: list[_Matched]) -> YawFrame:
     return YawFrame(x, y, float(mean_true[2] - mean_estimated[2]), yaw)
 
 
-def _rmse(world_from_common: YawFrame, matched: _Matched) -> tuple[float, float]:
+def _rmse(world_from_common: YawFrame, matched: Matched) -> tuple[float, float]:
     """Root mean square error (m) in space and in the plane."""
     squares = (world_from_common @ matched.estimated - matched.true) ** 2
     return float(np.sqrt(squares.sum(axis=1).mean())), float(np.sqrt(squares[:, :2].sum(axis=1).mean()))

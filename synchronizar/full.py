@@ -10,7 +10,13 @@ import numpy as np
 from synchronizar.anchored import AnchoredGraph, device_sigmas
 from synchronizar.arrays import Array, Mask
 from synchronizar.corners import corners_of
-from synchronizar.geometry import apply_frames, wrap_angle, yaw_of_quaternions
+from synchronizar.geometry import (
+    apply_frames,
+    multiply_quaternions,
+    wrap_angle,
+    yaw_of_quaternions,
+    yaw_quaternion,
+)
 from synchronizar.initialise import connected
 from synchronizar.jumps import Mended, mend
 from synchronizar.keyframes import STANDING, Keyframes, keyframes_of
@@ -102,7 +108,8 @@ def _outcome(
         found = [*jumps[user.name], *slips(walks, graph, u, smooth.tracks[user.name])]
         jumps[user.name] = tuple(sorted(found, key=lambda jump: jump.t))
         track, _ = common_track(walks, u, graph.keyframes[u], smooth.tracks[user.name])
-        tracks[user.name] = Track(track.t, track.position + origin, track.quat_xyzw)
+        moved = _moved(track, best.frames[u], told[0].frames[u])
+        tracks[user.name] = replace(moved, position=moved.position + origin)
     return Outcome(
         searched=searched,
         said=said,
@@ -124,6 +131,16 @@ def _outcome(
 
 def _static(recording: Recording) -> Mask:
     return np.array([user.static for user in recording.users])
+
+
+def _moved(track: Track, best: Array, mean: Array) -> Track:
+    """A track as the best minimum has it, moved and turned as a whole so that it ends where the mean of all has it.
+
+    `best` and `mean` (4,) are x, y, z, yaw of the last keyframe.
+    """
+    turn = wrap_angle(float(mean[3] - best[3]))
+    position = apply_frames(np.array([*mean[:3], turn]), track.position - best[:3])
+    return replace(track, position=position, quat_xyzw=multiply_quaternions(yaw_quaternion(turn), track.quat_xyzw))
 
 
 def _corners(smooth: Recording, graph: AnchoredGraph, walks: Walks) -> Array:

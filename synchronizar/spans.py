@@ -96,7 +96,7 @@ def _search(samples: Samples, graph: AnchoredGraph, model: Model) -> list[Walks]
 
 def _joined(graph: AnchoredGraph, before: Settled, known: list[int], model: Model) -> Walks:
     """Walks of a shorter stretch as a start for a longer one; who has come is placed where it fits best."""
-    walks = before.walks
+    walks = before.walks._replace(frames=before.walks.frames.copy())
     coming = [u for u in graph.placed if u not in known]
     while coming:
         frames = np.full_like(walks.frames, np.nan)

@@ -17,6 +17,7 @@ from synchronizar.user import User
 
 _NAMES = ("x", "y", "z", "yaw")
 _LEAST = 1e-9  # m and rad: a sigma that is none
+_DIRECTIONS = 32  # of a quarter turn
 _SYSTEMATIC = 2.0  # inflation of a covariance: with most ranges rejected, more than late signals explain
 
 
@@ -119,17 +120,14 @@ def _beyond(limit: float, mean: float, sigma: float) -> float:
 
 
 def _beyond_in_plane(limit: float, long: float, short: float) -> float:
-    """P(|e| > limit) of a normal e in the plane with these 1 sigma along its axes, or a little more.
+    """P(|e| > limit) of a normal e in the plane with these 1 sigma along its axes.
 
-    exp(-limit^2 / (2 long^2)) is that of a circle and a bound for any ellipse; the other, for a slim one, is what the
-    first term of an expansion about the ends of its long axis gives.
+    The mean over all directions of e of that of a normal in one direction, in polar coordinates of the whitened plane:
+    exp(-limit^2 / (2 (long^2 cos^2 + short^2 sin^2))).
     """
-    far = limit / max(long, _LEAST)
-    circle = float(np.exp(-0.5 * far**2))
-    slim = 1.0 - min(short / max(long, _LEAST), 1.0) ** 2
-    if slim < _LEAST:
-        return circle
-    return min(circle, 2.0 * NormalDist().cdf(-far) / float(np.sqrt(slim)))
+    phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
+    variance = (long * np.cos(phi)) ** 2 + (short * np.sin(phi)) ** 2
+    return float(np.exp(-0.5 * limit**2 / np.maximum(variance, _LEAST**2)).mean())
 
 
 def _axes(covariance: Array, yaw: float, corners: Array) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from synchronizar._core import judge, judge_bursts
-from synchronizar.anchored import AnchoredGraph, Judgement
+from synchronizar.anchored import AnchoredGraph, Judgement, device_sigmas
 from synchronizar.arrays import Array
 from synchronizar.geometry import YawFrame, apply_frames, wrap_angle
 from synchronizar.graph import late_loss
@@ -124,11 +124,15 @@ def prior_cost(graph: AnchoredGraph, walks: Walks) -> float:
     for column, (own, common) in zip(walks.device[graph.placed].T, sigmas, strict=True):
         covariance = own**2 * np.eye(count) + common**2
         cost += 0.5 * column @ np.linalg.solve(covariance, column)
-    heights = walks.frames[graph.free, 2]
+    return float(cost) + height_cost(graph, walks)
+
+
+def height_cost(graph: AnchoredGraph, walks: Walks) -> float:
+    heights, sigma = walks.frames[graph.free, 2], graph.model.height_sigma
     # Two origins lie one height_sigma apart.
-    from_level = np.full(len(heights), m.height_sigma / np.sqrt(2.0))
-    covariance = np.diag(from_level**2) + m.height_sigma**2 / 2.0
-    return float(cost + 0.5 * heights @ np.linalg.solve(covariance, heights))
+    from_level = np.full(len(heights), sigma / np.sqrt(2.0))
+    covariance = np.diag(from_level**2) + sigma**2 / 2.0
+    return float(0.5 * heights @ np.linalg.solve(covariance, heights))
 
 
 def step_errors(graph: AnchoredGraph, walks: Walks, user: int) -> Array:
@@ -152,6 +156,7 @@ def test_the_graphs_error_is_the_sum_of_its_parts(annealing: float) -> None:
         random.uniform(0.05, 1.0, len(graph.samples)),
         random.uniform(0.1, 1.0, len(graph.samples)),
         [random.uniform(0.3, 1.5, len(k.step_sigma)) for k in graph.keyframes],
+        np.ones((4, 3)),
     )
     found = graph.factors(walks.frames, judgement, annealing).error(graph.values(walks))
     whitened = graph.residuals(walks) / graph.sigma / annealing
@@ -175,13 +180,19 @@ def test_the_judged_cost_is_that_of_bursts_of_students_steps_and_of_the_priors()
         odds, chain = judge_bursts(*columns, late_loss(MODEL), MODEL.late_share, MODEL.late_duration)
         np.testing.assert_array_equal(judgement.late_odds[k], odds)
         expected += chain * float(before.worth[k].mean())
-    nu = MODEL.drift_tail
+    f = MODEL.drift_tail + 4.0
     for u in range(3):
         # Without a turn gtsam's difference of two poses is the plain one.
         squares = (step_errors(graph, walks, u) ** 2).sum(axis=1)
-        np.testing.assert_allclose(judgement.step_weight[u], (nu + 4.0) / (nu + squares), rtol=1e-10)
-        expected += 0.5 * (nu + 4.0) * np.log1p(squares / nu).sum()
-    assert cost == pytest.approx(expected + prior_cost(graph, walks), rel=1e-10)
+        np.testing.assert_allclose(judgement.step_weight[u], f / (f + squares), rtol=1e-10)
+        expected += 0.5 * f * np.log1p(squares / f).sum()
+    own, common = device_sigmas(MODEL)
+    kind = walks.device.sum(axis=0) / own**2 / (3.0 / own**2 + 1.0 / common**2)
+    squares = np.vstack([((walks.device - kind) / own) ** 2, (kind / common) ** 2])
+    f = MODEL.device_tail + 1.0
+    np.testing.assert_allclose(judgement.device_weight, f / (f + squares), rtol=1e-10)
+    expected += 0.5 * f * np.log1p(squares / f).sum() + height_cost(graph, walks)
+    assert cost == pytest.approx(expected, rel=1e-10)
     np.testing.assert_array_equal(judgement.worth, before.worth)
 
 

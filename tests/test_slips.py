@@ -169,11 +169,11 @@ def test_steps_that_follow_each_other_are_one_slip_and_others_another() -> None:
     by[5:, 0] += 10.0 * metre
     by[9:, 1] += 10.0 * metre
     first, second = told(by)
-    assert (first.t, second.t) == (pytest.approx(5.0), pytest.approx(9.0))
+    assert [first.t, second.t] == pytest.approx([5.0, 9.0])
     assert (first.pose, second.pose) == (50, 90)
     assert first.distance == pytest.approx(20.0 * metre)
     assert second.distance == pytest.approx(10.0 * metre)
-    assert (first.turn, second.turn) == (pytest.approx(0.0), pytest.approx(0.0))
+    assert [first.turn, second.turn] == pytest.approx([0.0, 0.0])
 
 
 def test_the_turn_is_slam_s_own_the_opposite_of_what_put_it_right() -> None:
