@@ -30,8 +30,9 @@ class DeviceBlock {
   double cost(const UserPose& pose_i, const Device& device_i, const UserPose& pose_j, const Device& device_j,
               const Loss& loss) const;
 
-  // A quadratic model of the cost, as RangeBlock's: ten rows [A b] over i's columns, j's columns and a residual.
-  // Nine numbers are what a range's row can be made of: the line's four, the bias, two scales and two clocks.
+  // A quadratic model of the cost, as RangeBlock's: ten rows [A b] over i's columns, j's columns and a
+  // residual. Nine numbers are what a range's row can be made of: the line's four, the bias, two scales and
+  // two clocks.
   static constexpr int kRows = 10;
   using SquareRoot = Eigen::Matrix<double, kRows, 2 * kUserAndDeviceColumns + 1>;
   SquareRoot square_root(const UserPose& pose_i, const Device& device_i, const UserPose& pose_j,

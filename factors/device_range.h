@@ -1,9 +1,10 @@
-// A range between two devices that are not perfect: SLAM has a wrong scale, clocks differ, radios have a bias.
+// A range between two devices that are not perfect: SLAM has a wrong scale, clocks differ, radios have a
+// bias.
 //
-// An antenna lies at `offset` from its keyframe by SLAM, which is in SLAM's own lengths, and `lever` from there,
-// which is in metres; both have the axes of the keyframe (X, Z). At the clock offset that was assumed when they
-// were read off the track the antenna moves on at `velocity`. With s = exp(log_scale), tau the clock offset
-// beyond the assumed one and b the radio's bias
+// An antenna lies at `offset` from its keyframe by SLAM, which is in SLAM's own lengths, and `lever` from
+// there, which is in metres; both have the axes of the keyframe (X, Z). At the clock offset that was assumed
+// when they were read off the track the antenna moves on at `velocity`. With s = exp(log_scale), tau the
+// clock offset beyond the assumed one and b the radio's bias
 //
 //   m = (s X.t + R(chi) (s offset + lever + tau velocity)_xy,  s (Z + offset_z) + lever_z + tau velocity_z)
 //   q = (F m_xy, H + m_z),       d = |q_i - q_j| + b_i + b_j
@@ -12,7 +13,8 @@
 // the line's four coordinates (range.h), which give the columns of F, H, X and Z, and with each range's own
 // numbers the columns of the device:
 //
-//   d/dlog s = s (e_xy' R(phi) (X.t + R(chi) offset_xy) + e_z (Z + offset_z)),   d/db = 1,   d/dtau = e' R velocity
+//   d/dlog s = s (e_xy' R(phi) (X.t + R(chi) offset_xy) + e_z (Z + offset_z)),   d/db = 1,   d/dtau = e' R
+//   velocity
 #pragma once
 
 #include "factors/range.h"

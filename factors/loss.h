@@ -18,8 +18,8 @@ struct LossValue {
   double curvature;  // rho''(e); negative where a loss gives up on a range
 };
 
-// What a quadratic model of the cost takes for the root of rho'': never less than a tenth of the weight, so that
-// the model stays definite.
+// What a quadratic model of the cost takes for the root of rho'': never less than a tenth of the weight, so
+// that the model stays definite.
 inline double curvature_root(const LossValue& value) {
   return std::sqrt(std::max(value.curvature, 0.1 * value.weight));
 }

@@ -74,8 +74,8 @@ struct Line {
     return Eigen::Vector4d(direction.x(), direction.y(), direction.z(), moment);
   }
 
-  // What the line's own bending adds to a cost's second derivative in the difference in height, where the cost
-  // has this slope in the distance.
+  // What the line's own bending adds to a cost's second derivative in the difference in height, where the
+  // cost has this slope in the distance.
   double bending(double slope) const {
     const double level = 1.0 - direction.z() * direction.z();
     return distance > 0.0 ? slope * level / distance : 0.0;
