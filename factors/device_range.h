@@ -13,8 +13,8 @@
 // the line's four coordinates (range.h), which give the columns of F, H, X and Z, and with each range's own
 // numbers the columns of the device:
 //
-//   d/dlog s = s (e_xy' R(phi) (X.t + R(chi) offset_xy) + e_z (Z + offset_z)),   d/db = 1,   d/dtau = e' R
-//   velocity
+//   d/dlog s = s (e_xy' R(phi) (X.t + R(chi) offset_xy) + e_z (Z + offset_z))
+//   d/db = 1,   d/dtau = e' R(phi + chi) velocity
 #pragma once
 
 #include "factors/range.h"

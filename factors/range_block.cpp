@@ -6,6 +6,7 @@
 #include "factors/squeeze.h"
 
 namespace synchronizar {
+
 RangeBlock::RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column late_odds)
     : o_i_(std::move(o_i)),
       o_j_(std::move(o_j)),
