@@ -10,7 +10,7 @@ place) is from where it should be, in three dimensions.
 from __future__ import annotations
 
 import argparse
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -72,15 +72,18 @@ def scene_of(seed: int) -> tuple[str, Scene]:
     return kind, scene
 
 
-def judge(seed: int) -> list[Verdict]:
+def judge(seed_and_model: tuple[int, Literal["full", "rigid"]]) -> list[Verdict]:
     """Every user's verdict in one scene, beside the truth."""
+    seed, model = seed_and_model
     kind, scene = scene_of(seed)
     simulation = simulate(scene)
-    registration = register(simulation.recording, kind="rigid")
+    registration = register(simulation.recording, kind=model)
     out = []
     for name, user in registration.users.items():
         if name != registration.reference:
-            off, off_plane = _off(simulation, registration.reference, name, user.common_from_user)
+            placed = user.common_from_user is not None
+            frame = registration.between(registration.reference, name) if placed else None
+            off, off_plane = _off(simulation, registration.reference, name, frame)
             out.append(Verdict(kind, seed, name, user.state, off, off_plane))
     return out
 
@@ -95,11 +98,11 @@ def _off(simulation: Simulation, reference: str, name: str, frame: YawFrame | No
     return float(np.linalg.norm(away, axis=1).max()), float(np.linalg.norm(away[:, :2], axis=1).max())
 
 
-def told(seed_and_late: tuple[int, int, float]) -> list[bool]:
+def told(task: tuple[int, int, float, Literal["full", "rigid"]]) -> list[bool]:
     """Of the users that maximum likelihood places well after 8 s of free walking: which are registered."""
-    seed, users, late = seed_and_late
+    seed, users, late, model = task
     simulation = simulate(Scene(users=users, seconds=8.0, seed=seed, late_share=late))
-    registration = register(simulation.recording, kind="rigid")
+    registration = register(simulation.recording, kind=model)
     best = oracle(simulation, registration.reference, Model())
     well = np.hypot(best.error[:, 0], best.error[:, 1]) < PLACED
     return [
@@ -114,21 +117,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=300)
     parser.add_argument("--walks", type=int, default=200)
+    parser.add_argument("--model", choices=["full", "rigid"], default="rigid")
     options = parser.parse_args()
-    judged = [v for scene in on_all_cores(judge, range(options.scenes)) for v in scene]
-    print(write_table("verdicts", [_row(kind, judged) for kind in (*KINDS, "all")], vars(options)))
+    judged = [
+        v for scene in on_all_cores(judge, [(seed, options.model) for seed in range(options.scenes)]) for v in scene
+    ]
+    print(write_table(f"verdicts_{options.model}", [_row(kind, judged) for kind in (*KINDS, "all")], vars(options)))
     for v in judged:
         if v.state is State.REGISTERED and v.off > OFF:
             off = f"{v.off:.2f} m, in the plane {v.off_plane:.2f} m"
             print(f"registered and off: {v.kind} scene {v.seed}, {v.user}: {off}")
     rows = []
-    for late in (0.0, 0.3):
+    for late in (0.0, 0.3) if options.walks else ():
         for users in (2, 4, 6):
-            tasks = [(seed, users, late) for seed in range(options.walks)]
+            tasks = [(seed, users, late, options.model) for seed in range(options.walks)]
             said = [s for walk in on_all_cores(told, tasks) for s in walk]
             rows.append({"late": late, "users": users, "placed well": len(said), "registered": float(np.mean(said))})
-    print()
-    print(write_table("verdicts_after_8_s", rows, vars(options)))
+    if rows:
+        print()
+        print(write_table(f"verdicts_after_8_s_{options.model}", rows, vars(options)))
 
 
 def _row(kind: str, judged: list[Verdict]) -> dict[str, Any]:
