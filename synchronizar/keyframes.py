@@ -16,6 +16,7 @@ from synchronizar.track import Track
 from synchronizar.user import User
 
 _REACH = 0.1  # s: over which to either side a velocity is taken
+_LEAST_SIGMA = 1e-4  # m and rad: a step that is known any better makes the system singular in its numbers
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ def keyframes_of(mended: Mended, interval: float, model: Model) -> Keyframes:
     metres = np.hypot(metres, np.where(mended.level[segment[at[:-1]]], 0.0, way))
     metres = np.where(jumped, model.jump_sigma_m, metres)
     radians = np.where(jumped, model.jump_sigma_rad, radians)
-    return Keyframes(track.t[at], track.position[at], np.column_stack([metres, metres, radians]), _between(due))
+    sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA)
+    return Keyframes(track.t[at], track.position[at], sigma, _between(due))
 
 
 def _spread(t: Array, begin: int, end: int, interval: float) -> tuple[Indices, Array]:
