@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +37,10 @@ class Kind(NamedTuple):
 
 def kinds(model: Model) -> tuple[Kind, Kind, Kind]:
     """In the order of DeviceSigma."""
-    log_scale, bias, clock = SIGMAS * model.scale_sigma, SIGMAS * model.bias_sigma, SIGMAS * model.clock_sigma
+    # Of a device by itself, before any range: its own deviation and that of its kind.
+    log_scale = SIGMAS * hypot(model.scale_sigma, model.scale_common_sigma)
+    bias = SIGMAS * hypot(model.bias_sigma, model.bias_common_sigma)
+    clock = SIGMAS * hypot(model.clock_sigma, model.clock_common_sigma)
     return (
         Kind("scale", "Scale of SLAM", 1.0, ".3f", 1.0, (float(np.exp(-log_scale)), float(np.exp(log_scale)))),
         Kind("range_bias", "Bias of the radio (m)", 1.0, ".3f", 0.0, (-bias, bias)),
