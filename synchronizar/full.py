@@ -73,14 +73,15 @@ def _outcome(
     weight, honest = graph.honest(walks, best.judgement)
     sure = graph.sureness(walks, best.judgement)
     devices = np.where(_static(recording)[:, None] & (np.arange(3) != BIAS), np.nan, sure.devices)
+    corners = _corners(smooth, graph, walks)
     told = placements(
         minima,
         lambda s: (sure if s.graph is graph else s.graph.sureness(s.walks, s.judgement)).relative,
-        _corners(smooth, graph, walks),
+        corners,
         model,
     )
     fit = {u: Misfit(1.0, _rejected(samples, honest, u)) for u in graph.free}
-    said = verdicts(told, fit, graph, _corners(smooth, graph, walks), model)
+    said = verdicts(told, fit, graph, corners, model)
     said = [_with_device(v, devices[u], model) for u, v in enumerate(said)]
 
     scale = np.where(_static(recording), 1.0, np.exp(walks.device[:, SCALE]))

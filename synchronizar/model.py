@@ -50,8 +50,6 @@ class Model:
     """and by the way: 0.01 rad in the first second of walking."""
     drift_tail: float = 5.0
     """Degrees of freedom of Student's t, as which steps are distributed: a tracker that slips is no Gaussian."""
-    drift_weight: float = 10.0
-    """As how many steps these figures count where a device's own steps tell how good its SLAM is."""
     jump_sigma_m: float = 0.1
     """How well a step is known that was rebuilt from its neighbours, because SLAM jumped,"""
     jump_sigma_rad: float = 0.1

@@ -25,7 +25,7 @@ _WHOLE = 2.0  # first stretches: a recording that is no longer is taken as a who
 
 
 def coarse_interval(samples: Samples, model: Model) -> float:
-    """S between the keyframes while placements are compared."""
+    """Seconds between the keyframes while placements are compared."""
     stretch = min(float(np.ptp(samples.t)) if len(samples) else 0.0, model.first_stretch)
     return max(model.keyframe_interval, stretch / _KEYFRAMES)
 
