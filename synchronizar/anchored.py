@@ -227,7 +227,9 @@ class AnchoredGraph:
 
     def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, judgement: Judgement) -> None:
         m, noise = self.model, gtsam.noiseModel
-        wide = noise.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, m.yaw_sigma]))
+        # All may turn about the reference together: what their k priors say of that must be what one says.
+        yaw_sigma = m.yaw_sigma * np.sqrt(max(len(self.free), 1))
+        wide = noise.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, yaw_sigma]))
         for u in self.free:
             x, y, _, yaw = about[u].tolist()
             graph.addPriorPose2(_frame(u), gtsam.Pose2(x, y, yaw), wide)

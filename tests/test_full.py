@@ -404,7 +404,6 @@ def test_a_device_that_stands_still_does_not_tell_its_heading_scale_and_clock() 
     assert not {"yaw", "scale", "clock_offset"} & set(registration.users["b"].prior_dominated)
 
 
-@pytest.mark.xfail(strict=True, reason="each user's own prior of heading counts once: together they pass for knowledge")
 def test_no_heading_beside_a_reference_that_stands_still_is_known() -> None:
     """All others may turn about it together, however many they are."""
     tracks = {"a": walker(1), "b": walker(2), "c": walker(3), "d": STILL}
