@@ -1,4 +1,4 @@
-"""Anchored pose graphs (Kim et al., ICRA 2010): everybody's SLAM bends where the ranges say so. Hands out the keys.
+"""Anchored pose graphs (Kim et al., ICRA 2010): everybody's SLAM bends where the ranges say so.
 
 Per user a frame F and a height H of its anchor in the common frame; per keyframe a pose X and a height Z about the
 anchor, the first held at SLAM's own; per device a vector of log scale, radio bias and clock offset. SLAM's steps tie
@@ -8,17 +8,18 @@ the keyframes, ranges tie the users (factors/device_range.h).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
+from synchronizar import keys
 from synchronizar._core import DeviceBlock, Late, judge, judge_bursts
 from synchronizar.arrays import Array, Indices
 from synchronizar.factors import DeviceBlockFactor, DeviceKeys, Reading
-from synchronizar.geometry import apply_frames, rotation_2d, wrap_angle
+from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import height_sigma_of, late_loss
 from synchronizar.keyframes import Ends, Keyframes, ends_of
 from synchronizar.model import Model
@@ -28,9 +29,6 @@ from synchronizar.samples import Samples, pairs
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, antennas, begin, flattened, steps
 from synchronizar.worth import worth, worth_before
 
-_MOST_KEYFRAMES = 10**7  # of a user: keys are numbered user by user
-_LEVEL = gtsam.symbol("L", 0)  # double (m): the height that all origins lie about
-_KIND = gtsam.symbol("K", 0)  # Vector (3,): what all devices of a recording have in common, being of a kind
 _STALE_CLOCK = 0.005  # s: antennas that were read for a clock further off are read anew
 _GAIN = 0.05  # of log likelihood: what gains less changes nothing that could be measured
 _GAIN_A_RANGE = 3e-5  # nor does what gains less a range
@@ -49,18 +47,6 @@ class Judgement:
     """Of each user (m - 1,): how far each of SLAM's steps is believed; Student's t."""
     device_weight: Array
     """(k + 1, 3): the same of each device's scale, bias and clock being as usual, and of what is usual being none."""
-
-
-class Sureness(NamedTuple):
-    """NaN for users that are not placed."""
-
-    poses: Array
-    """(k, 6, 6) covariances of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last keyframe,
-    in its log scale and in the reference's."""
-    relative: Array
-    """(k, 4, 4) those of x, y, z, yaw as seen from the reference's last keyframe."""
-    devices: Array
-    """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
 
 
 class AnchoredGraph:
@@ -99,6 +85,12 @@ class AnchoredGraph:
         i, j = self._ends
         changes = np.diff(s.i) | np.diff(s.j) | np.diff(i.keyframe) | np.diff(j.keyframe)
         self._bounds = np.unique(np.concatenate([[0], np.flatnonzero(changes) + 1, [len(s)]]))
+
+    def with_keyframes(self, keyframes: list[Keyframes]) -> AnchoredGraph:
+        """The same graph; keyframes are the same but for how far SLAM's steps can be trusted."""
+        out = copy(self)
+        out.keyframes = keyframes
+        return out
 
     def begin(self, frames: Array, device: Array | None = None) -> Walks:
         """SLAM as it is, laid at frames (k, 4) of the anchors."""
@@ -208,7 +200,7 @@ class AnchoredGraph:
         graph = gtsam.NonlinearFactorGraph()
         self._add_priors(graph, about, judgement)
         for u in self.placed:
-            self._add_steps(graph, u, judgement.step_weight[u])
+            self.add_steps(graph, u, judgement.step_weight[u])
         s, (i, j) = self.samples, self._ends
         for first, end in pairwise(self._bounds.tolist()):
             k = slice(first, end)
@@ -232,17 +224,23 @@ class AnchoredGraph:
         wide = noise.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, yaw_sigma]))
         for u in self.free:
             x, y, _, yaw = about[u].tolist()
-            graph.addPriorPose2(_frame(u), gtsam.Pose2(x, y, yaw), wide)
-            graph.add(gtsam.BetweenFactorDouble(_LEVEL, _height(u), 0.0, noise.Isotropic.Sigma(1, self._from_level[u])))
+            graph.addPriorPose2(keys.frame(u), gtsam.Pose2(x, y, yaw), wide)
+            graph.add(
+                gtsam.BetweenFactorDouble(
+                    keys.LEVEL, keys.height(u), 0.0, noise.Isotropic.Sigma(1, self._from_level[u])
+                )
+            )
         own, common = device_sigmas(m)
         weight = np.sqrt(judgement.device_weight)
         for u in self.placed:
             usual = np.array([0.0, 0.0, -self._clock[u]])
-            graph.add(gtsam.BetweenFactorVector(_KIND, _device(u), usual, noise.Diagonal.Sigmas(own / weight[u])))
-        graph.addPriorVector(_KIND, np.zeros(3), noise.Diagonal.Sigmas(common / weight[-1]))
-        graph.addPriorDouble(_LEVEL, 0.0, noise.Isotropic.Sigma(1, self._from_level[self.reference]))
+            graph.add(
+                gtsam.BetweenFactorVector(keys.KIND, keys.device(u), usual, noise.Diagonal.Sigmas(own / weight[u]))
+            )
+        graph.addPriorVector(keys.KIND, np.zeros(3), noise.Diagonal.Sigmas(common / weight[-1]))
+        graph.addPriorDouble(keys.LEVEL, 0.0, noise.Isotropic.Sigma(1, self._from_level[self.reference]))
 
-    def _add_steps(self, graph: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:
+    def add_steps(self, graph: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:
         """SLAM's steps, the first from a keyframe that is held."""
         noise, frames = gtsam.noiseModel, self.keyframes[user]
         sigmas = frames.step_sigma / np.sqrt(weight)[:, None]
@@ -250,42 +248,44 @@ class AnchoredGraph:
         for n, ((x, y, z), (plane, up, turn)) in enumerate(zip(ways, sigmas.tolist(), strict=True)):
             level, height = noise.Diagonal.Sigmas(np.array([plane, plane, turn])), noise.Isotropic.Sigma(1, up)
             if n == 0:
-                graph.addPriorPose2(_pose(user, 1), gtsam.Pose2(x, y, 0.0), level)
-                graph.addPriorDouble(_local_height(user, 1), float(frames.place[0, 2]) + z, height)
+                graph.addPriorPose2(keys.pose(user, 1), gtsam.Pose2(x, y, 0.0), level)
+                graph.addPriorDouble(keys.local_height(user, 1), float(frames.place[0, 2]) + z, height)
             else:
-                here, there = _pose(user, n), _pose(user, n + 1)
+                here, there = keys.pose(user, n), keys.pose(user, n + 1)
                 graph.add(gtsam.BetweenFactorPose2(here, there, gtsam.Pose2(x, y, 0.0), level))
-                here, there = _local_height(user, n), _local_height(user, n + 1)
+                here, there = keys.local_height(user, n), keys.local_height(user, n + 1)
                 graph.add(gtsam.BetweenFactorDouble(here, there, z, height))
 
     def keys(self, user: int, keyframe: int) -> DeviceKeys:
         """Those of a user at a keyframe: the reference's frame and everybody's first keyframe are held."""
         free, first = user != self.reference, keyframe == 0
         return DeviceKeys(
-            _frame(user) if free else None,
-            _height(user) if free else None,
-            None if first else _pose(user, keyframe),
-            None if first else _local_height(user, keyframe),
-            _device(user),
+            keys.frame(user) if free else None,
+            keys.height(user) if free else None,
+            None if first else keys.pose(user, keyframe),
+            None if first else keys.local_height(user, keyframe),
+            keys.device(user),
             held_local=(0.0, 0.0, 0.0, float(self.keyframes[user].place[0, 2])),
         )
 
     def ordering(self) -> gtsam.Ordering:
         """Keyframes in the order of time, then what all of them share: a band with a narrow border."""
-        return _ordering([*self._keyframe_keys(set()), *self._shared_keys()])
+        return keys.ordering([*self.keyframe_keys(set()), *self.shared_keys()])
 
-    def _keyframe_keys(self, without: set[int]) -> Iterator[int]:
+    def keyframe_keys(self, without: set[int]) -> Iterator[int]:
+        """Those of all keyframes that are not held, but for some, in the order of time."""
         stamps = [
             (t - self._clock[u], u, n + 1) for u in self.placed for n, t in enumerate(self.keyframes[u].t[1:].tolist())
         ]
         for _, u, n in sorted(stamps):
-            for key in (_pose(u, n), _local_height(u, n)):
+            for key in (keys.pose(u, n), keys.local_height(u, n)):
                 if key not in without:
                     yield key
 
-    def _shared_keys(self) -> list[int]:
-        frames = [key for u in self.free for key in (_frame(u), _height(u))]
-        return [*frames, *(_device(u) for u in self.placed), _KIND, _LEVEL]
+    def shared_keys(self) -> list[int]:
+        """Those of frames, devices and what all have in common."""
+        frames = [key for u in self.free for key in (keys.frame(u), keys.height(u))]
+        return [*frames, *(keys.device(u) for u in self.placed), keys.KIND, keys.LEVEL]
 
     def values(self, walks: Walks) -> gtsam.Values:
         """Gtsam's values at these walks."""
@@ -293,16 +293,16 @@ class AnchoredGraph:
         for u in self.placed:
             if u != self.reference:
                 x, y, z, yaw = walks.frames[u].tolist()
-                values.insert(_frame(u), gtsam.Pose2(x, y, yaw))
-                values.insert(_height(u), z)
-            values.insert(_device(u), walks.device[u] - np.array([0.0, 0.0, self._clock[u]]))
+                values.insert(keys.frame(u), gtsam.Pose2(x, y, yaw))
+                values.insert(keys.height(u), z)
+            values.insert(keys.device(u), walks.device[u] - np.array([0.0, 0.0, self._clock[u]]))
             for n, (x, y, z, yaw) in enumerate(walks.local[u].tolist()):
                 if n > 0:
-                    values.insert(_pose(u, n), gtsam.Pose2(x, y, yaw))
-                    values.insert(_local_height(u, n), z)
-        values.insert(_KIND, self._kind(walks, np.ones((len(self.users) + 1, 3))))
+                    values.insert(keys.pose(u, n), gtsam.Pose2(x, y, yaw))
+                    values.insert(keys.local_height(u, n), z)
+        values.insert(keys.KIND, self._kind(walks, np.ones((len(self.users) + 1, 3))))
         weight = self._from_level[self.placed] ** -2
-        values.insert(_LEVEL, float(weight @ walks.frames[self.placed, 2] / weight.sum()))
+        values.insert(keys.LEVEL, float(weight @ walks.frames[self.placed, 2] / weight.sum()))
         return values
 
     def walks(self, values: gtsam.Values, before: Walks) -> Walks:
@@ -311,52 +311,14 @@ class AnchoredGraph:
         local = [of_user.copy() for of_user in before.local]
         for u in self.placed:
             if u != self.reference:
-                at = values.atPose2(_frame(u))
-                frames[u] = at.x(), at.y(), values.atDouble(_height(u)), at.theta()
-            device[u] = values.atVector(_device(u))
+                at = values.atPose2(keys.frame(u))
+                frames[u] = at.x(), at.y(), values.atDouble(keys.height(u)), at.theta()
+            device[u] = values.atVector(keys.device(u))
             device[u, CLOCK] += self._clock[u]
             for n in range(1, len(local[u])):
-                at = values.atPose2(_pose(u, n))
-                local[u][n] = at.x(), at.y(), values.atDouble(_local_height(u, n)), at.theta()
+                at = values.atPose2(keys.pose(u, n))
+                local[u][n] = at.x(), at.y(), values.atDouble(keys.local_height(u, n)), at.theta()
         return Walks(frames, local, device)
-
-    # How sure it is
-
-    def sureness(self, walks: Walks, judgement: Judgement) -> Sureness:
-        """How sure the walks are, by Laplace's method."""
-        k = len(self.users)
-        poses, relative = np.full((k, 6, 6), np.nan), np.full((k, 4, 4), np.nan)
-        devices = np.full((k, 3), np.nan)
-        wanted = [
-            key
-            for u in self.placed
-            if (last := len(self.keyframes[u]) - 1) > 0
-            for key in (_pose(u, last), _local_height(u, last))
-        ]
-        linear = self.factors(walks.frames, judgement).linearize(self.values(walks))
-        others = _ordering(list(self._keyframe_keys(set(wanted))))
-        if others.size():
-            _, linear = linear.eliminatePartialSequential(others)
-        kept = [*self._shared_keys(), *wanted]
-        jacobian, _ = linear.jacobian(_ordering(kept))
-        # Columns of unit length, and a QR that never squares them: the system may be nearly singular.
-        size = np.linalg.norm(jacobian, axis=0)
-        root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
-        rows = dict(zip(kept, _rows(kept), strict=True))
-        errors = {}
-        for u in self.placed:
-            error = np.zeros((6, root.shape[1]))
-            for key, by in self._last_pose_by_keys(walks, u).items():
-                error += by @ root[rows[key]]
-            error[5] = root[rows[_device(self.reference)]][SCALE]
-            errors[u] = error
-        poses_now = self.last_poses(walks)
-        for u in self.placed:
-            poses[u] = errors[u] @ errors[u].T
-            beside = _seen_from(poses_now[self.reference], errors[self.reference][:4], poses_now[u], errors[u][:4])
-            relative[u] = beside @ beside.T
-            devices[u] = (root[rows[_device(u)]] ** 2).sum(axis=1)
-        return Sureness(poses, relative, devices)
 
     def last_poses(self, walks: Walks) -> Array:
         """(k, 4) x, y, z (m), yaw (rad): where each last keyframe is, and how SLAM's axes lie there."""
@@ -366,30 +328,6 @@ class AnchoredGraph:
             out[u, 3] = wrap_angle(out[u, 3] + local[-1, 3])
         return out
 
-    def _last_pose_by_keys(self, walks: Walks, user: int) -> dict[int, Array]:
-        """Derivatives (6, d) of x, y, z, yaw of the last keyframe, and log scale, by the variables they hang on."""
-        x, y, z, chi = walks.local[user][-1]
-        yaw, scale = walks.frames[user, 3], float(np.exp(walks.device[user, SCALE]))
-        arm = scale * rotation_2d(yaw) @ np.array([x, y])
-        by_device = np.zeros((6, 3))
-        by_device[:3, SCALE] = *arm, scale * z
-        by_device[4, SCALE] = 1.0
-        out = {_device(user): by_device}
-        if user != self.reference:
-            by_frame = np.zeros((6, 3))
-            by_frame[:2, :2] = rotation_2d(yaw)
-            by_frame[:4, 2] = -arm[1], arm[0], 0.0, 1.0
-            out[_frame(user)] = by_frame
-            out[_height(user)] = np.eye(6)[:, 2:3]
-        last = len(self.keyframes[user]) - 1
-        if last > 0:
-            by_pose = np.zeros((6, 3))
-            by_pose[:2, :2] = scale * rotation_2d(yaw + chi)
-            by_pose[3, 2] = 1.0
-            out[_pose(user, last)] = by_pose
-            out[_local_height(user, last)] = scale * np.eye(6)[:, 2:3]
-        return out
-
     def prior_variances(self, user: int) -> Array:
         """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
         m = self.model
@@ -397,54 +335,11 @@ class AnchoredGraph:
         return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
 
 
-def _seen_from(reference: Array, error_of_reference: Array, pose: Array, error: Array) -> Array:
-    """Errors (4, d) of a pose x, y, z, yaw beside the reference's: what moves and turns both is none."""
-    away = pose[:2] - reference[:2]
-    out = error - error_of_reference
-    out[0] += away[1] * error_of_reference[3]
-    out[1] -= away[0] * error_of_reference[3]
-    return np.asarray(out)
-
-
 def device_sigmas(model: Model) -> tuple[Array, Array]:
     """1 sigma (3,) of log scale, bias (m) and clock (s): of each device's own, and of what all have in common."""
     m = model
     own = np.array([m.scale_sigma, m.bias_sigma, m.clock_sigma])
     return own, np.array([m.scale_common_sigma, m.bias_common_sigma, m.clock_common_sigma])
-
-
-def _frame(user: int) -> int:
-    return int(gtsam.symbol("F", user))
-
-
-def _height(user: int) -> int:
-    return int(gtsam.symbol("H", user))
-
-
-def _device(user: int) -> int:
-    return int(gtsam.symbol("D", user))
-
-
-def _pose(user: int, keyframe: int) -> int:
-    return int(gtsam.symbol("X", user * _MOST_KEYFRAMES + keyframe))
-
-
-def _local_height(user: int, keyframe: int) -> int:
-    return int(gtsam.symbol("Z", user * _MOST_KEYFRAMES + keyframe))
-
-
-def _rows(keys: list[int]) -> list[slice]:
-    """Where each key's rows stand when all stand below each other."""
-    size = {ord("F"): 3, ord("X"): 3, ord("D"): 3, ord("K"): 3}
-    bounds = np.concatenate([[0], np.cumsum([size.get(gtsam.symbolChr(key), 1) for key in keys])])
-    return [slice(int(a), int(b)) for a, b in pairwise(bounds)]
-
-
-def _ordering(keys: list[int]) -> gtsam.Ordering:
-    ordering = gtsam.Ordering()
-    for key in keys:
-        ordering.push_back(key)
-    return ordering
 
 
 def _student(squares: Array, freedom: float, dimension: int) -> tuple[Array, float]:

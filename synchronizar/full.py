@@ -26,9 +26,11 @@ from synchronizar.outcome import Outcome
 from synchronizar.placement import placements
 from synchronizar.recording import Recording
 from synchronizar.samples import Samples, samples_of
-from synchronizar.settled import BETTER, Settled, compare, refine
+from synchronizar.settled import BETTER, Settled, compare, measured, refine
 from synchronizar.slips import slips
 from synchronizar.spans import coarse_interval, search_and_grow
+from synchronizar.step_noise import step_noise
+from synchronizar.sureness import sureness
 from synchronizar.track import Track
 from synchronizar.verdict import Verdict, verdicts
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, common_track
@@ -46,16 +48,40 @@ def register_full(recording: Recording, reference: int, model: Model) -> Outcome
     coarse = _keyframes(recording, mended, coarse_interval(samples, model), model)
     found = search_and_grow(smooth, samples, coarse, placed, reference, model)
     searched = perf_counter()
-    fine = _keyframes(recording, mended, model.keyframe_interval, model)
-    graph = AnchoredGraph(smooth, samples, fine, placed, reference, model)
-    minima = compare(found, refine(found[0], graph), model)
+    graph = AnchoredGraph(
+        smooth, samples, _keyframes(recording, mended, model.keyframe_interval, model), placed, reference, model
+    )
+    minima, noise = _refined(recording, mended, found, graph, model)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # what ranges are worth may turn their order
-        minima = compare([minima[1], *found], refine(minima[1], graph), model)
-    return _outcome(recording, smooth, mended, minima, searched, model)
+        minima, noise = _refined(recording, mended, [minima[1], *found], graph, model)
+    return _outcome(recording, smooth, mended, minima, noise, searched, model)
 
 
-def _keyframes(recording: Recording, mended: dict[str, Mended], interval: float, model: Model) -> list[Keyframes]:
-    return [STANDING if u.static else keyframes_of(mended[u.name], interval, model) for u in recording.users]
+def _refined(
+    recording: Recording, mended: dict[str, Mended], found: list[Settled], graph: AnchoredGraph, model: Model
+) -> tuple[list[Settled], Array]:
+    """The first minimum at the keyframes of `graph`, those others that explain the ranges too, and the noise of SLAM.
+
+    All with the noise (k, 2) that each device's SLAM is found to have.
+    """
+    best = measured(found[0])
+    noise = step_noise(best.graph, best.walks, best.judgement)
+    coarse = _keyframes(recording, mended, coarse_interval(graph.samples, model), model, noise)
+    fine = _keyframes(recording, mended, model.keyframe_interval, model, noise)
+    found = [s._replace(graph=s.graph.with_keyframes(coarse)) for s in found]
+    best = best._replace(graph=found[0].graph)
+    return compare(found, refine(best, graph.with_keyframes(fine)), model), noise
+
+
+def _keyframes(
+    recording: Recording, mended: dict[str, Mended], interval: float, model: Model, noise: Array | None = None
+) -> list[Keyframes]:
+    """`noise` (k, 2): how many times as far as the model says each SLAM drifts; None where that is not known."""
+    times = np.ones((len(recording.users), 2)) if noise is None else noise
+    return [
+        STANDING if user.static else keyframes_of(mended[user.name], interval, model, (place, heading))
+        for user, (place, heading) in zip(recording.users, times.tolist(), strict=True)
+    ]
 
 
 def _outcome(
@@ -63,6 +89,7 @@ def _outcome(
     smooth: Recording,
     mended: dict[str, Mended],
     minima: list[Settled],
+    noise: Array,
     searched: float,
     model: Model,
 ) -> Outcome:
@@ -71,12 +98,12 @@ def _outcome(
     users, k = recording.users, len(recording.users)
     samples = graph.samples
     weight, honest = graph.honest(walks, best.judgement)
-    sure = graph.sureness(walks, best.judgement)
+    sure = sureness(graph, walks, best.judgement)
     devices = np.where(_static(recording)[:, None] & (np.arange(3) != BIAS), np.nan, sure.devices)
     corners = _corners(smooth, graph, walks)
     told = placements(
         minima,
-        lambda s: (sure if s.graph is graph else s.graph.sureness(s.walks, s.judgement)).relative,
+        lambda s: (sure if s.graph is graph else sureness(s.graph, s.walks, s.judgement)).relative,
         corners,
         model,
     )
@@ -125,6 +152,7 @@ def _outcome(
         residual=-graph.residuals(walks),
         device=device,
         device_sigma=sigma,
+        slam_noise=np.where(_static(recording)[:, None], np.nan, noise),
         tracks=tracks,
         jumps=jumps,
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from synchronizar.arrays import Array, Indices, freeze_arrays
+from synchronizar.arrays import Array, Indices, Mask, freeze_arrays
 from synchronizar.geometry import rotate_by_quaternions
 from synchronizar.jumps import Mended
 from synchronizar.model import Model
@@ -31,6 +31,8 @@ class Keyframes:
     """(n - 1, 3): 1 sigma of each step in the plane (m, each axis), in height (m) and in heading (rad)."""
     until: Array
     """(n - 1,) s: when one keyframe's turn ends and the next one's begins."""
+    rebuilt: Mask
+    """(n - 1,) whether a step is none of SLAM's: it jumped, or had lost gravity."""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -48,12 +50,15 @@ class Keyframes:
         return np.searchsorted(self.until, t).astype(np.int32)
 
 
-STANDING = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0))
+STANDING = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
 """Of a radio that stands still."""
 
 
-def keyframes_of(mended: Mended, interval: float, model: Model) -> Keyframes:
-    """At multiples of `interval` s, at both ends of the track, and on both sides of each jump and gap."""
+def keyframes_of(mended: Mended, interval: float, model: Model, noise: tuple[float, float] = (1.0, 1.0)) -> Keyframes:
+    """At multiples of `interval` s, at both ends of the track, and on both sides of each jump and gap.
+
+    `noise`: how many times as far as the model says this SLAM drifts, in place and in heading.
+    """
     track, segment = mended.track, mended.segment
     broken = (np.diff(segment) != 0) | (np.diff(track.t) > model.longest_pose_gap)
     begins = np.concatenate([[0], np.flatnonzero(broken) + 1])
@@ -65,14 +70,15 @@ def keyframes_of(mended: Mended, interval: float, model: Model) -> Keyframes:
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
     dt, way = np.diff(track.t[at]), np.diff(gone[at])
     jumped = np.diff(segment[at]) != 0
-    metres = np.sqrt(model.drift_m_per_sqrt_s**2 * dt + model.drift_m_per_sqrt_m**2 * way)
-    radians = np.sqrt(model.drift_rad_per_sqrt_s**2 * dt + model.drift_rad_per_sqrt_m**2 * way)
+    metres = noise[0] * np.sqrt(model.drift_m_per_sqrt_s**2 * dt + model.drift_m_per_sqrt_m**2 * way)
+    radians = noise[1] * np.sqrt(model.drift_rad_per_sqrt_s**2 * dt + model.drift_rad_per_sqrt_m**2 * way)
     # SLAM that had lost gravity knew of a step its length at best.
-    metres = np.hypot(metres, np.where(mended.level[segment[at[:-1]]], 0.0, way))
+    lost = ~mended.level[segment[at[:-1]]]
+    metres = np.hypot(metres, np.where(lost, way, 0.0))
     metres = np.where(jumped, model.jump_sigma_m, metres)
     radians = np.where(jumped, model.jump_sigma_rad, radians)
     sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA)
-    return Keyframes(track.t[at], track.position[at], sigma, _between(due))
+    return Keyframes(track.t[at], track.position[at], sigma, _between(due), jumped | lost)
 
 
 def _spread(t: Array, begin: int, end: int, interval: float) -> tuple[Indices, Array]:

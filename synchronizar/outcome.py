@@ -41,6 +41,8 @@ class Outcome:
     """(k, 3) scale, radio bias (m), clock offset (s); None where they are taken for perfect."""
     device_sigma: Array | None = None
     """(k, 3) 1 sigma of them."""
+    slam_noise: Array | None = None
+    """(k, 2) how many times as far as the model says SLAM drifts, in place and in heading; NaN where it has no SLAM."""
     tracks: Mapping[str, Track] = field(default_factory=dict)
     """Corrected tracks in the common frame, where SLAM is not trusted."""
     jumps: Mapping[str, tuple[Jump, ...]] = field(default_factory=dict)

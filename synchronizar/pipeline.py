@@ -84,9 +84,15 @@ def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
         bias,
         None if user.static and device is not None else clock,
         None if sigma is None else DeviceSigma(*sigma[u].tolist()),
+        _noise(outcome, u),
         jumps,
         outcome.tracks.get(user.name),
     )
+
+
+def _noise(outcome: Outcome, user: int) -> tuple[float, float] | None:
+    noise = outcome.slam_noise
+    return None if noise is None or np.isnan(noise[user, 0]) else (float(noise[user, 0]), float(noise[user, 1]))
 
 
 def _frame(outcome: Outcome, user: int, placement: int) -> YawFrame:

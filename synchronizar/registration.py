@@ -59,6 +59,8 @@ class UserRegistration:
     """s: its own stamp minus the range stamp of the same event; None for a radio that stands still."""
     device_sigma: DeviceSigma | None = None
     """1 sigma of its scale, range_bias and clock_offset; None where they are taken for known."""
+    slam_noise: tuple[float, float] | None = None
+    """How many times as far as the model says its SLAM drifts, in place and in heading; None where it is trusted."""
     jumps: tuple[Jump, ...] = ()
     """Where its SLAM jumped or slipped and it did not, in the order of time."""
     common_track: Track | None = None

@@ -111,6 +111,9 @@ def _user_json(user: UserRegistration) -> dict[str, Any]:
         "range_bias": user.range_bias,
         "clock_offset": user.clock_offset,
         "sigma": None if user.device_sigma is None else {k: _number(v) for k, v in user.device_sigma._asdict().items()},
+        "slam_noise": None
+        if user.slam_noise is None
+        else dict(zip(("place", "heading"), user.slam_noise, strict=True)),
         "prior_dominated": list(user.prior_dominated),
         "jumps": [{"t": j.t, "distance": j.distance, "turn": j.turn, "tilt": j.tilt} for j in user.jumps],
     }

@@ -22,6 +22,7 @@ from synchronizar.walks import Walks, interpolated
 _ANNEALING = (4.0, 2.0)
 _FIRST_ROUNDS = 2
 _ROUNDS = 8
+_MEASURING_ROUNDS = (4, 2)
 _REFINING_ROUNDS = 4
 _HOPELESS = 50.0  # of log likelihood: more than settling may gain
 _NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
@@ -119,10 +120,18 @@ def _images(settled: Settled, model: Model) -> Iterator[Walks]:
         yield walks._replace(frames=frames)
 
 
+def measured(coarse: Settled) -> Settled:
+    """The same minimum, what ranges are worth measured on what is left of them."""
+    graph = coarse.graph
+    walks, judgement = coarse.walks, coarse.judgement
+    for rounds in _MEASURING_ROUNDS:
+        walks, judgement, cost = graph.settle(walks, graph.measured(walks, judgement), rounds)
+    return Settled(graph, walks, judgement, cost)
+
+
 def refine(coarse: Settled, graph: AnchoredGraph) -> Settled:
-    """The same placement at the keyframes of another graph; what ranges are worth measured on what is left of them."""
-    judgement = coarse.graph.measured(coarse.walks, coarse.judgement)
-    walks, judgement, _ = coarse.graph.settle(coarse.walks, judgement, _REFINING_ROUNDS)
+    """The same placement at the keyframes of another graph."""
+    walks, judgement, _ = coarse.graph.settle(coarse.walks, coarse.judgement, _REFINING_ROUNDS)
     walks = interpolated(walks, coarse.graph.keyframes, graph.keyframes)
     first = replace(graph.first_judgement(), worth=judgement.worth)
     walks, judgement, _ = graph.settle(walks, first, _REFINING_ROUNDS)

@@ -17,6 +17,7 @@ from synchronizar.model import Model
 from synchronizar.recording import Recording
 from synchronizar.samples import pairs, samples_of
 from synchronizar.simulate import Scene, Simulation, simulate
+from synchronizar.sureness import sureness
 from synchronizar.track import Track
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, common_track
 
@@ -284,7 +285,7 @@ def test_who_is_not_placed_has_no_keys_and_stays_where_he_was() -> None:
     settled, judgement, _ = graph.settle(walks, graph.first_judgement(), 2)
     assert np.isnan(settled.frames[1]).all()
     np.testing.assert_array_equal(settled.local[1], walks.local[1])
-    sure = graph.sureness(settled, judgement)
+    sure = sureness(graph, settled, judgement)
     assert np.isnan(sure.poses[1]).all()
     assert np.isnan(sure.devices[1]).all()
     assert np.isfinite(sure.poses[[0, 2]]).all()
@@ -352,7 +353,7 @@ def test_what_is_wrong_with_a_device_is_found(seed: int, column: int, planted: f
     frames = true_frames(simulation, graph_of(recording))
     graph = graph_of(replace(recording, tracks=tracks, ranges=ranges))
     walks, judgement = settled(graph, frames)
-    sigma = np.sqrt(graph.sureness(walks, judgement).devices)
+    sigma = np.sqrt(sureness(graph, walks, judgement).devices)
     expected = np.zeros((3, 3))
     expected[1, column] = planted
     assert (np.abs(walks.device - expected) < 3.0 * sigma).all()
@@ -382,7 +383,7 @@ def test_a_heading_that_drifted_is_put_right(seed: int) -> None:
     expected = np.array([*place, frames[1, 3] - yaw[-1]])
     error = graph.last_poses(walks)[1] - expected
     error[3] = wrap_angle(float(error[3]))
-    covariance = graph.sureness(walks, judgement).poses[1, :4, :4]
+    covariance = sureness(graph, walks, judgement).poses[1, :4, :4]
     assert error @ np.linalg.solve(covariance, error) < 18.5  # 99.9 % of four degrees of freedom
     assert abs(error[3]) < 0.5 * yaw[-1]
     found, _ = common_track(walks, 1, graph.keyframes[1], bent.tracks[name])
@@ -439,7 +440,7 @@ def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
             columns.append((ends[0] - ends[1]) / (2.0 * h))
     J = np.moveaxis(np.array(columns), 0, -1)
     expected = J @ covariance @ J.transpose(0, 2, 1)
-    sure = graph.sureness(walks, judgement)
+    sure = sureness(graph, walks, judgement)
     for u in range(count):
         deviation = np.sqrt(np.maximum(np.diag(expected[u])[:6], 1e-12))
         np.testing.assert_allclose(

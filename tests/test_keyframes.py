@@ -132,11 +132,24 @@ def test_of_a_step_without_gravity_the_length_alone_is_known() -> None:
     np.testing.assert_allclose(keyframes.step_sigma[0], [metres, metres, radians])
     np.testing.assert_allclose(keyframes.step_sigma[1], [0.7, 0.7, 0.9])
     assert keyframes.step_sigma[2, 0] < 1.0
+    np.testing.assert_array_equal(keyframes.rebuilt, [True, True, False])
+
+
+def test_a_noisier_slam_has_longer_sigmas_but_for_steps_that_are_rebuilt() -> None:
+    track = mended(straight(np.arange(0, 41) / 10.0), begins=(21,))
+    usual, noisy = keyframes_of(track, 10.0, MODEL), keyframes_of(track, 10.0, MODEL, (2.0, 3.0))
+    np.testing.assert_array_equal(usual.rebuilt, [False, True, False])
+    np.testing.assert_allclose(noisy.step_sigma[[0, 2]], usual.step_sigma[[0, 2]] * [2.0, 2.0, 3.0])
+    np.testing.assert_array_equal(noisy.step_sigma[1], usual.step_sigma[1])
 
 
 def test_the_anchor_is_the_first_place_at_the_height_of_the_origin() -> None:
     keyframes = Keyframes(
-        np.arange(2.0), np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.ones((1, 3)), np.array([0.5])
+        np.arange(2.0),
+        np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+        np.ones((1, 3)),
+        np.array([0.5]),
+        np.zeros(1, dtype=bool),
     )
     np.testing.assert_array_equal(keyframes.anchor, [1.0, 2.0, 0.0])
     np.testing.assert_array_equal(STANDING.anchor, np.zeros(3))

@@ -29,13 +29,13 @@ FLOORS = (
     {"centre", "corners", "keyframes", "worth"},
     {"walks"},
     {"registration"},
-    {"_core"},
+    {"_core", "keys"},
     {"factors"},
     {"graph", "optimize"},
     {"initialise"},
     {"mirrors", "misfit", "placement"},
     {"batch", "verdict", "anchored"},
-    {"outcome", "slips"},
+    {"outcome", "slips", "sureness", "step_noise"},
     {"settled"},
     {"rigid", "spans"},
     {"full"},
@@ -60,7 +60,7 @@ ALONE_WITH = {
         *("plots.walks", "plots.residuals", "plots.corrections", "plots.estimates", "plots.jump_list", "plots.pairs"),
         *("plots.picture", "plots.devices", "plots.files"),
     },
-    "gtsam": {"factors", "graph", "batch", "optimize", "anchored"},
+    "gtsam": {"factors", "graph", "batch", "optimize", "keys", "anchored", "step_noise"},
 }
 
 

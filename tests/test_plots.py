@@ -197,6 +197,8 @@ def test_a_file_that_is_broken_is_named(recording: Recording, folder: Path, file
         ("phone1", "range_bias", None),
         ("phone1", "sigma", {"scale": 0.1}),
         ("phone1", "sigma", [0.1, 0.1, 0.1]),
+        ("phone1", "slam_noise", {"place": 1.0}),
+        ("phone1", "slam_noise", [1.0, 1.0]),
         ("phone1", "jumps", None),
         ("phone1", "jumps", [{"t": 1.0}]),
         ("phone1", "jumps", [{"t": 1e9, "distance": 0.5, "turn": 0.1, "tilt": 0.0}]),

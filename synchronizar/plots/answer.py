@@ -148,7 +148,7 @@ def _user(name: str, slam: Track | None, said: Mapping[str, Any]) -> UserRegistr
     state, covariance, unseen = State(said["state"]), said["covariance"], said.get("unseen_direction")
     if (said["x"] is None or covariance is None) != (state is State.DISCONNECTED):
         raise ValueError(state)
-    sigma, clock_offset = said["sigma"], said["clock_offset"]
+    sigma, clock_offset, noise = said["sigma"], said["clock_offset"], said["slam_noise"]
     return UserRegistration(
         name=name,
         state=state,
@@ -161,6 +161,7 @@ def _user(name: str, slam: Track | None, said: Mapping[str, Any]) -> UserRegistr
         range_bias=_finite(said["range_bias"]),
         clock_offset=None if slam is None and clock_offset is None else _finite(clock_offset),
         device_sigma=None if sigma is None else DeviceSigma(*(_number(sigma[name]) for name in DeviceSigma._fields)),
+        slam_noise=None if noise is None else (_finite(noise["place"]), _finite(noise["heading"])),
         jumps=tuple(_jump(jump, slam) for jump in said["jumps"]),
     )
 

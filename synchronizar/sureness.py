@@ -1,0 +1,96 @@
+"""How sure the walks of an anchored graph are, by Laplace's method."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar import keys
+from synchronizar.anchored import AnchoredGraph, Judgement
+from synchronizar.arrays import Array
+from synchronizar.geometry import rotation_2d
+from synchronizar.walks import SCALE, Walks
+
+
+class Sureness(NamedTuple):
+    """NaN for users that are not placed."""
+
+    poses: Array
+    """(k, 6, 6) covariances of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last keyframe,
+    in its log scale and in the reference's."""
+    relative: Array
+    """(k, 4, 4) those of x, y, z, yaw as seen from the reference's last keyframe."""
+    devices: Array
+    """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
+
+
+def sureness(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Sureness:
+    """How sure the walks are, by Laplace's method."""
+    k = len(graph.users)
+    poses, relative = np.full((k, 6, 6), np.nan), np.full((k, 4, 4), np.nan)
+    devices = np.full((k, 3), np.nan)
+    wanted = [
+        key
+        for u in graph.placed
+        if (last := len(graph.keyframes[u]) - 1) > 0
+        for key in (keys.pose(u, last), keys.local_height(u, last))
+    ]
+    linear = graph.factors(walks.frames, judgement).linearize(graph.values(walks))
+    others = keys.ordering(list(graph.keyframe_keys(set(wanted))))
+    if others.size():
+        _, linear = linear.eliminatePartialSequential(others)
+    kept = [*graph.shared_keys(), *wanted]
+    jacobian, _ = linear.jacobian(keys.ordering(kept))
+    # Columns of unit length, and a QR that never squares them: the system may be nearly singular.
+    size = np.linalg.norm(jacobian, axis=0)
+    root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
+    rows_of = dict(zip(kept, keys.rows(kept), strict=True))
+    errors = {}
+    for u in graph.placed:
+        error = np.zeros((6, root.shape[1]))
+        for key, by in _last_pose_by_keys(graph, walks, u).items():
+            error += by @ root[rows_of[key]]
+        error[5] = root[rows_of[keys.device(graph.reference)]][SCALE]
+        errors[u] = error
+    poses_now = graph.last_poses(walks)
+    for u in graph.placed:
+        poses[u] = errors[u] @ errors[u].T
+        beside = _seen_from(poses_now[graph.reference], errors[graph.reference][:4], poses_now[u], errors[u][:4])
+        relative[u] = beside @ beside.T
+        devices[u] = (root[rows_of[keys.device(u)]] ** 2).sum(axis=1)
+    return Sureness(poses, relative, devices)
+
+
+def _last_pose_by_keys(graph: AnchoredGraph, walks: Walks, user: int) -> dict[int, Array]:
+    """Derivatives (6, d) of x, y, z, yaw of the last keyframe, and log scale, by the variables they hang on."""
+    x, y, z, chi = walks.local[user][-1]
+    yaw, scale = walks.frames[user, 3], float(np.exp(walks.device[user, SCALE]))
+    arm = scale * rotation_2d(yaw) @ np.array([x, y])
+    by_device = np.zeros((6, 3))
+    by_device[:3, SCALE] = *arm, scale * z
+    by_device[4, SCALE] = 1.0
+    out = {keys.device(user): by_device}
+    if user != graph.reference:
+        by_frame = np.zeros((6, 3))
+        by_frame[:2, :2] = rotation_2d(yaw)
+        by_frame[:4, 2] = -arm[1], arm[0], 0.0, 1.0
+        out[keys.frame(user)] = by_frame
+        out[keys.height(user)] = np.eye(6)[:, 2:3]
+    last = len(graph.keyframes[user]) - 1
+    if last > 0:
+        by_pose = np.zeros((6, 3))
+        by_pose[:2, :2] = scale * rotation_2d(yaw + chi)
+        by_pose[3, 2] = 1.0
+        out[keys.pose(user, last)] = by_pose
+        out[keys.local_height(user, last)] = scale * np.eye(6)[:, 2:3]
+    return out
+
+
+def _seen_from(reference: Array, error_of_reference: Array, pose: Array, error: Array) -> Array:
+    """Errors (4, d) of a pose x, y, z, yaw beside the reference's: what moves and turns both is none."""
+    away = pose[:2] - reference[:2]
+    out = error - error_of_reference
+    out[0] += away[1] * error_of_reference[3]
+    out[1] -= away[0] * error_of_reference[3]
+    return np.asarray(out)
