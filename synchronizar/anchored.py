@@ -18,6 +18,7 @@ import numpy as np
 from synchronizar import keys
 from synchronizar._core import DeviceBlock, Late, judge, judge_bursts
 from synchronizar.arrays import Array, Indices
+from synchronizar.carried import Carried
 from synchronizar.factors import DeviceBlockFactor, DeviceKeys, Reading
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import height_sigma_of, late_loss
@@ -60,13 +61,21 @@ class AnchoredGraph:
         placed: list[int],
         reference: int,
         model: Model,
+        carried: Carried | None = None,
     ):
-        """`recording` has mended tracks; `placed` are the users that take part, the reference among them."""
+        """`recording` has mended tracks; `placed` are the users that take part, the reference among them.
+
+        `carried` is what earlier ranges told of some of them, at their first keyframes.
+        """
         self.recording, self.samples, self.keyframes = recording, samples, keyframes
         self.users = recording.users
         self.placed, self.reference = placed, reference
         self.free = [u for u in placed if u != reference]
-        self.model = model
+        self.model, self.carried = model, carried
+        known = [] if carried is None else carried.users
+        # Of whom nothing is known but priors; and whose heights are about a level that all share.
+        self._new = [u for u in placed if u not in known]
+        self._level_users = placed if carried is None else [reference, *self._new]
         self.sigma = np.hypot(samples.sigma, model.multipath_sigma)
         self._loss: Late = late_loss(model)
         self._from_level = np.array([height_sigma_of(user, model) for user in self.users]) / np.sqrt(2.0)
@@ -145,7 +154,9 @@ class AnchoredGraph:
             weights[u], tail = _student(squares, m.drift_tail, 4)
             cost += tail
         device_weight, tail = self._judged_devices(walks, before)
-        return Judgement(odds, before.worth, weights, device_weight), cost + tail + self._height_cost(walks)
+        return Judgement(odds, before.worth, weights, device_weight), cost + tail + self._height_cost(
+            walks
+        ) + self._carried_cost(walks)
 
     def measured(self, walks: Walks, judgement: Judgement) -> Judgement:
         """The same, what ranges are worth measured on their residuals."""
@@ -158,21 +169,31 @@ class AnchoredGraph:
         own, common = device_sigmas(self.model)
         kind = self._kind(walks, before.device_weight)
         squares = np.zeros((len(self.users) + 1, 3))
-        squares[self.placed] = ((walks.device[self.placed] - kind) / own) ** 2
+        squares[self._new] = ((walks.device[self._new] - kind) / own) ** 2
         squares[-1] = (kind / common) ** 2
         return _student(squares, self.model.device_tail, 1)
 
     def _kind(self, walks: Walks, device_weight: Array) -> Array:
         """(3,) the most likely common part of the devices, by weights (k + 1, 3)."""
         own, common = device_sigmas(self.model)
-        weight = device_weight[self.placed] / own**2
+        weight = device_weight[self._new] / own**2
         total = weight.sum(axis=0) + device_weight[-1] / common**2
-        return np.asarray((weight * walks.device[self.placed]).sum(axis=0) / total)
+        return np.asarray((weight * walks.device[self._new]).sum(axis=0) / total)
 
     def _height_cost(self, walks: Walks) -> float:
-        heights, weight = walks.frames[self.placed, 2], self._from_level[self.placed] ** -2
-        level = float(weight @ heights / weight.sum())
+        heights, weight = walks.frames[self._level_users, 2], self._from_level[self._level_users] ** -2
+        level = self._level(walks)
         return 0.5 * float((weight * (heights - level) ** 2).sum())
+
+    def _level(self, walks: Walks) -> float:
+        """The most likely height (m) that origins lie about."""
+        weight = self._from_level[self._level_users] ** -2
+        return float(weight @ walks.frames[self._level_users, 2] / weight.sum())
+
+    def _carried_cost(self, walks: Walks) -> float:
+        if self.carried is None:
+            return 0.0
+        return float(self.carried.factor(self._clock).error(self.values(walks)))
 
     # The graph
 
@@ -222,7 +243,11 @@ class AnchoredGraph:
         # All may turn about the reference together: what their k priors say of that must be what one says.
         yaw_sigma = m.yaw_sigma * np.sqrt(max(len(self.free), 1))
         wide = noise.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, yaw_sigma]))
+        if self.carried is not None:
+            graph.add(self.carried.factor(self._clock))
         for u in self.free:
+            if u not in self._new:
+                continue
             x, y, _, yaw = about[u].tolist()
             graph.addPriorPose2(keys.frame(u), gtsam.Pose2(x, y, yaw), wide)
             graph.add(
@@ -232,7 +257,7 @@ class AnchoredGraph:
             )
         own, common = device_sigmas(m)
         weight = np.sqrt(judgement.device_weight)
-        for u in self.placed:
+        for u in self._new:
             usual = np.array([0.0, 0.0, -self._clock[u]])
             graph.add(
                 gtsam.BetweenFactorVector(keys.KIND, keys.device(u), usual, noise.Diagonal.Sigmas(own / weight[u]))
@@ -301,8 +326,7 @@ class AnchoredGraph:
                     values.insert(keys.pose(u, n), gtsam.Pose2(x, y, yaw))
                     values.insert(keys.local_height(u, n), z)
         values.insert(keys.KIND, self._kind(walks, np.ones((len(self.users) + 1, 3))))
-        weight = self._from_level[self.placed] ** -2
-        values.insert(keys.LEVEL, float(weight @ walks.frames[self.placed, 2] / weight.sum()))
+        values.insert(keys.LEVEL, self._level(walks))
         return values
 
     def walks(self, values: gtsam.Values, before: Walks) -> Walks:

@@ -50,7 +50,7 @@ class Model:
     """and by the way: 0.01 rad in the first second of walking."""
     drift_tail: float = 5.0
     """Degrees of freedom of Student's t, as which steps are distributed: a tracker that slips is no Gaussian."""
-    drift_weight: float = 10.0
+    drift_weight: float = 20.0
     """How many steps all this is worth beside those of a walk, where the ranges tell how good a device's SLAM is."""
     jump_sigma_m: float = 0.1
     """How well a step is known that was rebuilt from its neighbours, because SLAM jumped,"""

@@ -9,7 +9,9 @@ import numpy as np
 from synchronizar import keys
 from synchronizar.anchored import AnchoredGraph, Judgement
 from synchronizar.arrays import Array
+from synchronizar.carried import Carried
 from synchronizar.geometry import rotation_2d
+from synchronizar.initialise import relative_to
 from synchronizar.walks import SCALE, Walks
 
 
@@ -30,6 +32,41 @@ def sureness(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Surene
     k = len(graph.users)
     poses, relative = np.full((k, 6, 6), np.nan), np.full((k, 4, 4), np.nan)
     devices = np.full((k, 3), np.nan)
+    errors, of_devices = _errors(graph, walks, judgement)
+    now, reference = graph.last_poses(walks), graph.reference
+    for u in graph.placed:
+        error = np.vstack([errors[u], of_devices[reference][SCALE]])
+        poses[u] = error @ error.T
+        beside = _seen_from(now[reference], errors[reference][:4], now[u], errors[u][:4])
+        relative[u] = beside @ beside.T
+        devices[u] = (of_devices[u] ** 2).sum(axis=1)
+    return Sureness(poses, relative, devices)
+
+
+def carry(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Carried:
+    """What is known of everybody beside the reference's last keyframe, for a graph that begins at the last ones."""
+    errors, of_devices = _errors(graph, walks, judgement)
+    now, reference = graph.last_poses(walks), graph.reference
+    # How far each last keyframe lies above its own origin.
+    above = np.array([np.exp(walks.device[u, SCALE]) * graph.keyframes[u].place[-1, 2] for u in range(len(now))])
+    to_reference = rotation_2d(-float(now[reference, 3]))
+    rows = []
+    for u in graph.free:
+        beside = _seen_from(now[reference], errors[reference][:4], now[u], errors[u][:4])
+        height = beside[2] - above[u] * errors[u][4] + above[reference] * errors[reference][4]
+        rows += [*(to_reference @ beside[:2]), beside[3], height]
+    rows += [row for u in graph.placed for row in of_devices[u]]
+    root = np.array(rows)
+    frames = relative_to(now, reference)
+    frames[:, 2] += above[reference] - above
+    return Carried(list(graph.placed), reference, frames, walks.device.copy(), root @ root.T)
+
+
+def _errors(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> tuple[dict[int, Array], dict[int, Array]]:
+    """Of each user (5, d): what d independent unit errors do to x, y, z, yaw of its last keyframe and its log scale.
+
+    And (3, d) what they do to its device.
+    """
     wanted = [
         key
         for u in graph.placed
@@ -46,44 +83,34 @@ def sureness(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Surene
     size = np.linalg.norm(jacobian, axis=0)
     root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
     rows_of = dict(zip(kept, keys.rows(kept), strict=True))
-    errors = {}
-    for u in graph.placed:
-        error = np.zeros((6, root.shape[1]))
-        for key, by in _last_pose_by_keys(graph, walks, u).items():
-            error += by @ root[rows_of[key]]
-        error[5] = root[rows_of[keys.device(graph.reference)]][SCALE]
-        errors[u] = error
-    poses_now = graph.last_poses(walks)
-    for u in graph.placed:
-        poses[u] = errors[u] @ errors[u].T
-        beside = _seen_from(poses_now[graph.reference], errors[graph.reference][:4], poses_now[u], errors[u][:4])
-        relative[u] = beside @ beside.T
-        devices[u] = (root[rows_of[keys.device(u)]] ** 2).sum(axis=1)
-    return Sureness(poses, relative, devices)
+    errors = {
+        u: sum(by @ root[rows_of[key]] for key, by in _last_pose_by_keys(graph, walks, u).items()) for u in graph.placed
+    }
+    return errors, {u: root[rows_of[keys.device(u)]] for u in graph.placed}
 
 
 def _last_pose_by_keys(graph: AnchoredGraph, walks: Walks, user: int) -> dict[int, Array]:
-    """Derivatives (6, d) of x, y, z, yaw of the last keyframe, and log scale, by the variables they hang on."""
+    """Derivatives (5, d) of x, y, z, yaw of the last keyframe, and log scale, by the variables they hang on."""
     x, y, z, chi = walks.local[user][-1]
     yaw, scale = walks.frames[user, 3], float(np.exp(walks.device[user, SCALE]))
     arm = scale * rotation_2d(yaw) @ np.array([x, y])
-    by_device = np.zeros((6, 3))
+    by_device = np.zeros((5, 3))
     by_device[:3, SCALE] = *arm, scale * z
     by_device[4, SCALE] = 1.0
     out = {keys.device(user): by_device}
     if user != graph.reference:
-        by_frame = np.zeros((6, 3))
+        by_frame = np.zeros((5, 3))
         by_frame[:2, :2] = rotation_2d(yaw)
         by_frame[:4, 2] = -arm[1], arm[0], 0.0, 1.0
         out[keys.frame(user)] = by_frame
-        out[keys.height(user)] = np.eye(6)[:, 2:3]
+        out[keys.height(user)] = np.eye(5)[:, 2:3]
     last = len(graph.keyframes[user]) - 1
     if last > 0:
-        by_pose = np.zeros((6, 3))
+        by_pose = np.zeros((5, 3))
         by_pose[:2, :2] = scale * rotation_2d(yaw + chi)
         by_pose[3, 2] = 1.0
         out[keys.pose(user, last)] = by_pose
-        out[keys.local_height(user, last)] = scale * np.eye(6)[:, 2:3]
+        out[keys.local_height(user, last)] = scale * np.eye(5)[:, 2:3]
     return out
 
 

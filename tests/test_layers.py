@@ -30,14 +30,14 @@ FLOORS = (
     {"walks"},
     {"registration"},
     {"_core", "keys"},
-    {"factors"},
+    {"factors", "carried"},
     {"graph", "optimize"},
     {"initialise"},
     {"mirrors", "misfit", "placement"},
     {"batch", "verdict", "anchored"},
     {"outcome", "slips", "sureness", "step_noise"},
     {"settled"},
-    {"rigid", "spans"},
+    {"rigid", "spans", "told"},
     {"full"},
     {"pipeline"},
     {"__init__"},
@@ -60,7 +60,7 @@ ALONE_WITH = {
         *("plots.walks", "plots.residuals", "plots.corrections", "plots.estimates", "plots.jump_list", "plots.pairs"),
         *("plots.picture", "plots.devices", "plots.files"),
     },
-    "gtsam": {"factors", "graph", "batch", "optimize", "keys", "anchored", "step_noise"},
+    "gtsam": {"factors", "graph", "batch", "optimize", "keys", "carried", "anchored", "step_noise"},
 }
 
 

@@ -76,10 +76,10 @@ def noises(drift: float, seed: int) -> Array:
 @pytest.mark.parametrize("seed", range(2))
 def test_a_walk_tells_good_slam_from_bad(seed: int) -> None:
     none, usual, threefold = (np.exp(np.log(noises(drift, seed)).mean(axis=0)) for drift in (0.0, 1.0, 3.0))
-    assert (none < 0.9).all()
-    assert ((usual > 0.85) & (usual < 1.2)).all()
-    assert (threefold > 1.05 * usual).all()
-    assert threefold[HEADING] > 1.15
+    assert (none < 0.95).all()
+    assert (none < usual).all()
+    assert ((usual > 0.9) & (usual < 1.1)).all()
+    assert threefold[HEADING] > 1.05 * usual[HEADING]
 
 
 def test_a_radio_that_stands_still_has_no_slam_and_trusted_slam_no_noise() -> None:
