@@ -7,8 +7,9 @@ import ast
 import inspect
 import json
 import os
+import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from itertools import pairwise
 from math import degrees
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from synchronizar.evaluate import Evaluation
     from synchronizar.recording import Recording
     from synchronizar.registration import Registration
+    from synchronizar.replay import Update
 
 PROGRAM = "synchronizar"
 UNUSABLE = 2
@@ -75,6 +77,17 @@ def _parser() -> argparse.ArgumentParser:
     register.add_argument("--method", choices=["joint"], default="joint", help="all users at once")
     register.set_defaults(command=_register)
 
+    replay = commands.add_parser(
+        "replay", help="solve a recording in the order of time, nothing seen ahead of its time"
+    )
+    replay.add_argument("recording", metavar="RECORDING", type=Path)
+    replay.add_argument(
+        "--out", metavar="DIR", type=Path, help="write causal tracks, registration.json and updates.jsonl here"
+    )
+    replay.add_argument("--json", action="store_true", help="print registration.json instead of a table")
+    replay.add_argument("--reference", metavar="USER", help="whose frame the common one is")
+    replay.set_defaults(command=_replay)
+
     evaluate = commands.add_parser("evaluate", help="compare what register wrote with the truth")
     evaluate.add_argument("recording", metavar="RECORDING", type=Path)
     evaluate.add_argument("out", metavar="DIR", type=Path)
@@ -105,6 +118,52 @@ def _register(options: argparse.Namespace) -> None:
         _print(json.dumps(report.registration_json(registration), allow_nan=False))
     else:
         _print(report.table(registration))
+
+
+def _replay(options: argparse.Namespace) -> None:
+    from synchronizar import report
+    from synchronizar.recording import Recording
+
+    if options.out is not None:
+        _refuse_recordings(options.out)
+    _progress(f"loading {options.recording} ...")
+    began = perf_counter()
+    recording = Recording.load(options.recording)
+    loaded = perf_counter() - began
+    from synchronizar.replay import replay
+
+    replayed = replay(recording, options.reference, told=_live_view() if sys.stderr.isatty() else None)
+    registration = replace(replayed.registration, seconds={**replayed.registration.seconds, "load": loaded})
+    replayed = replayed._replace(registration=registration)
+    if options.out is not None:
+        report.write_replay(replayed, recording, options.out)
+    if options.json:
+        _print(json.dumps(report.registration_json(registration), allow_nan=False))
+    else:
+        _print(report.table(registration))
+
+
+def _live_view() -> Callable[[Update], None]:
+    """Events as they come, and below them a line of where everybody stands."""
+    began: list[float] = []
+
+    def tell(update: Update) -> None:
+        began.append(update.t) if not began else None
+        for event in update.events:
+            print(f"\r\033[K{update.t - began[0]:8.1f} s  {event}", file=sys.stderr)
+        bars = "  ".join(f"{name} {_bar(user.progress)}" for name, user in update.users.items())
+        print(f"\r\033[K{update.t - began[0]:8.1f} s  {bars}"[: _terminal_width()], end="", file=sys.stderr, flush=True)
+
+    return tell
+
+
+def _bar(progress: float) -> str:
+    full = round(8 * progress)
+    return "█" * full + "░" * (8 - full)
+
+
+def _terminal_width() -> int:
+    return shutil.get_terminal_size().columns
 
 
 def _refuse_recordings(out: Path) -> None:

@@ -142,6 +142,16 @@ class Model:
     largest_part: float = 0.6
     """and at most this much, in pieces of a twelfth drawn at random."""
 
+    # While people walk
+    window: float = 20.0
+    """s: what is older is carried as a Gaussian, once all are registered (a fixed lag)."""
+    search_least: float = 0.5
+    """s between two searches for a user who has just come,"""
+    search_growth: float = 0.05
+    """and this share of the time for which it has been looked for already."""
+    recent: float = 10.0
+    """s: a user of whose ranges too many do not fit in so long is looked for again."""
+
     # When the answer is called good
     cost_excluded: float = 7.0
     """An alternative that is e^-7 times as likely as the best is excluded;"""
@@ -153,5 +163,7 @@ class Model:
     """A heading that is off by more than this is wrong."""
     wrong_share: float = 5e-3
     """A user is registered when the probability that its placement is wrong is below this."""
+    wrong_share_kept: float = 0.05
+    """A user that was registered stays so while it is below this: nobody is told something else every second."""
     largest_rejected: float = 0.75
     """A user of whose ranges more are rejected is not registered."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from time import perf_counter
 from typing import Literal
 
@@ -32,20 +33,34 @@ def register(
     """
     model = model or Model()
     began = perf_counter()
-    ref = _reference(recording, reference, model)
+    ref = reference_of(recording, reference, model)
     outcome = (register_full if kind == "full" else register_rigid)(recording, ref, model)
+    seconds = {"load": 0.0, "initialise": outcome.searched - began, "solve": perf_counter() - outcome.searched}
+    return registration_of(recording, outcome, ref, kind, _range_verdicts(recording, outcome), seconds)
+
+
+def registration_of(
+    recording: Recording,
+    outcome: Outcome,
+    reference: int,
+    kind: str,
+    ranges: RangeVerdicts,
+    seconds: Mapping[str, float],
+) -> Registration:
+    """An outcome as it is told."""
     return Registration(
-        reference=recording.users[ref].name,
+        reference=recording.users[reference].name,
         model=kind,
         method="joint",
         users={user.name: _user(recording, outcome, u) for u, user in enumerate(recording.users)},
         alternatives=_alternatives(recording, outcome),
-        ranges=_range_verdicts(recording, outcome),
-        seconds={"load": 0.0, "initialise": outcome.searched - began, "solve": perf_counter() - outcome.searched},
+        ranges=ranges,
+        seconds=seconds,
     )
 
 
-def _reference(recording: Recording, name: str | None, model: Model) -> int:
+def reference_of(recording: Recording, name: str | None, model: Model) -> int:
+    """Whose frame the common one is: a user of that name, or the first by name that moves. InputError if nobody."""
     if name is None:
         moving = [u for u, user in enumerate(recording.users) if not user.static]
         if not moving:

@@ -15,6 +15,7 @@ from synchronizar.formats.tum import write_tum
 from synchronizar.geometry import YawFrame
 from synchronizar.recording import Recording
 from synchronizar.registration import RangeVerdicts, Registration, State, UserRegistration
+from synchronizar.replay import Replay, Update, UserUpdate
 
 PLACE = ("x", "y", "z", "yaw")
 RANGE_COLUMNS = ("t", "a", "b", "range", "residual", "weight", "verdict")
@@ -62,6 +63,43 @@ def write(registration: Registration, recording: Recording, out_dir: str | Path)
     file = folder / "registration.json"
     with os_faults(file):
         file.write_text(json.dumps(registration_json(registration), indent=1, allow_nan=False) + "\n")
+
+
+def write_replay(replayed: Replay, recording: Recording, out_dir: str | Path) -> None:
+    """What `write` writes, of the end; tracks as they were known at each pose's own moment; and updates.jsonl.
+
+    A user that was never registered has no track. Raises InputError where something cannot be written.
+    """
+    write(replayed.registration, recording, out_dir)
+    folder = Path(out_dir)
+    for name in recording.tracks:
+        if name not in replayed.tracks:
+            with os_faults(folder / f"{name}.tum"):
+                (folder / f"{name}.tum").unlink(missing_ok=True)
+    file, reference = folder / "updates.jsonl", replayed.registration.reference
+    with os_faults(file), file.open("w", encoding="utf-8", newline="") as out:
+        for update in replayed.updates:
+            out.write(json.dumps(update_json(update, reference), allow_nan=False) + "\n")
+
+
+def update_json(update: Update, reference: str) -> dict[str, Any]:
+    """One line of updates.jsonl: s, m, rad; None for every number that there is not."""
+    return {
+        "t": update.t,
+        "update_ms": 1e3 * update.seconds,
+        "reference": reference,
+        "users": {name: _user_update_json(user) for name, user in update.users.items()},
+        "events": update.events,
+    }
+
+
+def _user_update_json(user: UserUpdate) -> dict[str, Any]:
+    frame = user.common_from_user
+    out: dict[str, Any] = {"state": str(user.state)}
+    out |= dict.fromkeys(PLACE) if frame is None else _place(frame, user.static)
+    covariance = user.covariance
+    out["covariance"] = None if covariance is None else [[_number(x) for x in row] for row in covariance]
+    return out | {"scale": 1.0 if frame is None else frame.scale, "progress": user.progress, "cue": user.cue}
 
 
 def range_counts(verdicts: RangeVerdicts) -> dict[str, int]:

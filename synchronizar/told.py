@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from synchronizar.settled import Settled
 from synchronizar.slips import slips
 from synchronizar.sureness import sureness
 from synchronizar.track import Track
-from synchronizar.verdict import Verdict, verdicts
+from synchronizar.verdict import Verdict, progress, verdicts
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, common_track
 
 
@@ -39,12 +40,14 @@ class Told(NamedTuple):
     """(n,) the probability that each sample is."""
     weight: Array
     """(n,) 1/m^2, of each sample."""
+    progress: Array
+    """(k,) 0 .. 1 of how near each user is to being registered; NaN for users that are not placed."""
     device_sigma: Array
     """(k, 3) 1 sigma of log scale, bias (m) and clock (s); NaN where a radio has none."""
 
 
-def tell(minima: list[Settled], smooth: Recording, model: Model) -> Told:
-    """States, and how sure the best placement is."""
+def tell(minima: list[Settled], smooth: Recording, model: Model, registered: Collection[int] = ()) -> Told:
+    """States, and how sure the best placement is; `registered` are users that were so before."""
     best = minima[0]
     graph, walks = best.graph, best.walks
     weight, honest = graph.honest(walks, best.judgement)
@@ -58,12 +61,19 @@ def tell(minima: list[Settled], smooth: Recording, model: Model) -> Told:
         model,
     )
     fit = {u: Misfit(1.0, _rejected(graph.samples, honest, u)) for u in graph.free}
-    said = [_with_device(v, devices[u], model) for u, v in enumerate(verdicts(told, fit, graph, corners, model))]
+    said = [
+        _with_device(v, devices[u], model) for u, v in enumerate(verdicts(told, fit, graph, corners, model, registered))
+    ]
     # How sure it is, is judged beside the reference as it is now, and told in the frame of its first pose: what the
     # minima differ by adds to both.
     covariances = sure.poses.copy()
     covariances[:, :4, :4] += told[0].covariances - sure.relative
-    return Told(said, told, covariances, honest, weight * best.judgement.worth / graph.sigma**2, np.sqrt(devices))
+    near = np.full(len(graph.users), np.nan)
+    near[graph.reference] = 1.0
+    for u in graph.free:
+        near[u] = progress(told[0], u, graph.users[u].static, corners[u], model)
+    weight = weight * best.judgement.worth / graph.sigma**2
+    return Told(said, told, covariances, honest, weight, near, np.sqrt(devices))
 
 
 def outcome(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
@@ -42,9 +43,14 @@ class Verdict(NamedTuple):
 
 
 def verdicts(
-    found: list[Placement], fit: dict[int, Misfit], graph: Placed, corners: Array, model: Model
+    found: list[Placement],
+    fit: dict[int, Misfit],
+    graph: Placed,
+    corners: Array,
+    model: Model,
+    registered: Collection[int] = (),
 ) -> list[Verdict | None]:
-    """The verdict on each user that is placed."""
+    """The verdict on each user that is placed; of users that are `registered` already, whether they still are."""
     best = found[0]
     away = np.zeros(len(graph.users))
     for other in found[1:]:
@@ -58,7 +64,8 @@ def verdicts(
             for name, own, of in zip(_NAMES, np.diag(best.covariances[u]), prior, strict=True)
             if own > 0.5 * of and not (name == "yaw" and graph.users[u].static)
         )
-        state, reason, direction = _state(best, u, graph.users[u].static, corners[u], model)
+        wrong_share = model.wrong_share_kept if u in registered else model.wrong_share
+        state, reason, direction = _state(best, u, graph.users[u].static, corners[u], wrong_share, model)
         doubted = fit[u].rejected > 0.5 and fit[u].inflation > _SYSTEMATIC
         if doubted or fit[u].rejected > model.largest_rejected:
             reason = f"{fit[u].rejected:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
@@ -69,7 +76,23 @@ def verdicts(
     return said
 
 
-def _state(best: Placement, user: int, static: bool, corners: Array, model: Model) -> tuple[State, str, Array | None]:
+def progress(best: Placement, user: int, static: bool, corners: Array, model: Model) -> float:
+    """0 .. 1: by how much every sigma is still too large for the user to be registered; 1 where none is."""
+    normal = NormalDist()
+    in_plane = model.largest_error / np.sqrt(-2.0 * np.log(model.wrong_share))
+    in_line = normal.inv_cdf(1.0 - 0.5 * model.wrong_share)
+    covariance, yaw = best.covariances[user], best.frames[user, 3]
+    level, _ = _largest_spread(covariance, yaw, corners, [0, 1])
+    height, _ = _largest_spread(covariance, yaw, corners, [2])
+    ratios = [in_plane / max(level, _LEAST), model.largest_error / in_line / max(height, _LEAST)]
+    if not static:
+        ratios.append(model.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
+    return float(min(1.0, *ratios))
+
+
+def _state(
+    best: Placement, user: int, static: bool, corners: Array, wrong_share: float, model: Model
+) -> tuple[State, str, Array | None]:
     """Registered if an error in place, anywhere on its walk, or heading beyond the limits is improbable.
 
     If not: what is seen least.
@@ -78,15 +101,15 @@ def _state(best: Placement, user: int, static: bool, corners: Array, model: Mode
     covariance, yaw = best.covariances[user], best.frames[user, 3]
     level, level_error = _largest_spread(covariance, yaw, corners, [0, 1])
     height, height_error = _largest_spread(covariance, yaw, corners, [2])
-    if not static and in_heading > model.wrong_share:
+    if not static and in_heading > wrong_share:
         direction = covariance[3] / np.linalg.norm(covariance[3])
         heading = np.sqrt(covariance[3, 3])
         return State.UNOBSERVABLE, f"its heading is known to {heading:.2f} rad only (1 sigma)", direction
-    if in_plane > model.wrong_share:
+    if in_plane > wrong_share:
         where = np.degrees(np.arctan2(level_error[1], level_error[0])) % 180.0
         reason = f"its place along {where:.0f} deg is known to {level:.2f} m only (1 sigma)"
         return State.UNOBSERVABLE, reason, level_error
-    if in_height > model.wrong_share:
+    if in_height > wrong_share:
         return State.UNOBSERVABLE, f"its height is known to {height:.2f} m only (1 sigma)", height_error
     return State.REGISTERED, f"its place is known to {max(level, height):.2f} m (1 sigma)", None
 

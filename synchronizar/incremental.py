@@ -1,0 +1,408 @@
+"""Everybody's frame while people walk: the same graph as the batch solve's, over the recent past, told at any time.
+
+Poses and ranges are added as they come; `advance` solves when it is due. What is too old for the window is carried as a
+Gaussian (carried.py) from where everybody was at its begin, which is always a moment that had been solved up to
+then: no range counts twice. While somebody's place is not known the window reaches back to that user's first range, two
+minutes at most, and the global search of the batch solve looks for it again and again; what was found before is
+never the only start. Once all are known the window is short and followed from the last solution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+
+from synchronizar.anchored import AnchoredGraph
+from synchronizar.arrays import Array
+from synchronizar.carried import Carried
+from synchronizar.full import keyframes_of_all, solve
+from synchronizar.geometry import YawFrame, apply_frames, multiply_quaternions, wrap_angle, yaw_of_quaternions
+from synchronizar.initialise import Hypothesis, connected, extend
+from synchronizar.jumps import Mended, mend
+from synchronizar.keyframes import Keyframes
+from synchronizar.model import Model
+from synchronizar.outcome import Outcome
+from synchronizar.recording import Recording
+from synchronizar.registration import State
+from synchronizar.samples import Samples, samples_of
+from synchronizar.settled import Settled, compare, measured, settle_all
+from synchronizar.spans import coarse_interval
+from synchronizar.stream import Stream, Stretch
+from synchronizar.sureness import carry
+from synchronizar.told import Told, about_own, errors_about_own, tell
+from synchronizar.user import User
+from synchronizar.verdict import Verdict
+from synchronizar.walks import SCALE, Walks, interpolated
+
+_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
+_FIRST_ROUNDS = 2
+_SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A moment that everything up to then was solved for; windows begin there."""
+
+    t: float
+    """s, range clock; minus infinity before the first range."""
+    begin: Array
+    """(k,) s, own stamps of each user's last pose then."""
+    axes: Array
+    """(k, 4) quaternions: what SLAM's axes had been turned by, to undo its jumps."""
+    carried: Carried | None = None
+    """None at the very begin."""
+    common: Array = field(default_factory=lambda: np.zeros(4))
+    """(4,) x, y, z, yaw: where the reference's anchor lies in the common frame."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What is known since the last solve, in the common frame."""
+
+    checkpoint: Checkpoint
+    stretch: Stretch
+    minima: list[Settled]
+    told: Told
+    common: Array
+    """(4,) where the graph's own frame lies in the common one."""
+    axes: Array
+    """(k, 4) quaternions: what SLAM's axes are turned by at the end."""
+    noise: Array
+    """(k, 2)"""
+
+    @property
+    def graph(self) -> AnchoredGraph:
+        """The best minimum's."""
+        return self.minima[0].graph
+
+    @property
+    def walks(self) -> Walks:
+        """The best minimum's."""
+        return self.minima[0].walks
+
+    def scale(self, user: int) -> float:
+        """Metres in a user's own unit of length."""
+        return 1.0 if self.graph.users[user].static else float(np.exp(self.walks.device[user, SCALE]))
+
+    def placed(self, placement: int = 0) -> Array:
+        """(k, 4) x, y, z, yaw of each last keyframe in the common frame."""
+        return _moved(self.common, self.told.placements[placement].frames)
+
+    def pose(self, user: int, position: Array, quat_xyzw: Array) -> tuple[Array, Array]:
+        """A pose of SLAM's own (3,), (4,) in the common frame: as the last solution has it, SLAM followed since."""
+        x, y, z, yaw = self.placed()[user]
+        turn = multiply_quaternions(np.array([0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]), self.axes[user])
+        away = self.scale(user) * (position - self.stretch.last[user])
+        there = multiply_quaternions(
+            multiply_quaternions(turn, np.append(away, 0.0)), turn * np.array([-1.0, -1.0, -1.0, 1.0])
+        )
+        return np.array([x, y, z]) + there[:3], multiply_quaternions(turn, quat_xyzw)
+
+
+class Estimator:
+    """Frames of users while poses and ranges come."""
+
+    def __init__(self, users: tuple[User, ...], reference: str, model: Model | None = None) -> None:
+        """`users` sorted by name. KeyError where `reference` is none of them; it must not stand still."""
+        self.users, self.model = users, model or Model()
+        self._reference = {u.name: n for n, u in enumerate(users) if not u.static}[reference]
+        self.stream = Stream(users)
+        self.now = -np.inf
+        self.solution: Solution | None = None
+        k = len(users)
+        self._checkpoints = [Checkpoint(-np.inf, np.full(k, -np.inf), np.tile(_IDENTITY, (k, 1)))]
+        self._begin = self._checkpoints[0]
+        self._known: set[int] = {self._reference}
+        self._solved, self._last_range = -np.inf, -np.inf
+        self._since: dict[int, float] = {}
+        self._states: dict[int, State] = {}
+
+    def add_pose(self, user: str, t: float, position: Array, quat_xyzw: Array) -> None:
+        """A device's own pose: s by its own clock, (3,) m and (4,) x y z w in its own frame."""
+        self.stream.add_pose(user, t, position.tolist(), quat_xyzw.tolist())
+
+    def add_range(self, t: float, a: str, b: str, distance: float, **optional: float) -> None:
+        """A distance (m) by the ranges' clock (s); `optional` are further columns of `Ranges`."""
+        self.stream.add_range(t, a, b, distance, optional)
+
+    def advance(self, t: float) -> list[str]:
+        """It is `t` (s, range clock): solve if that is due. Returns what has happened, a sentence each."""
+        self.now = max(self.now, t)
+        fresh = self.stream.ranges_since(self._last_range)
+        for stamp, *ends in fresh.tolist():
+            for end in ends:
+                self._since.setdefault(int(end), stamp)
+        if len(fresh):
+            self._last_range = float(fresh[-1, 0])
+        if self._last_range <= self._solved or self.now < self._due():
+            return []
+        self._solved = self.now
+        return self._solve()
+
+    def state(self, user: int) -> State:
+        """Of a user at this moment."""
+        return self._states.get(user, State.REGISTERED if user == self._reference else State.DISCONNECTED)
+
+    @property
+    def reference(self) -> int:
+        """Whose frame the common one is."""
+        return self._reference
+
+    def is_registered(self, user: int) -> bool:
+        """Whether a user has a placement that can be relied on."""
+        return self.solution is not None and user in self._registered() | {self._reference}
+
+    def progress(self, user: int) -> float:
+        """0 .. 1 of how near a user is to being registered."""
+        if self.state(user) is State.REGISTERED:
+            return 1.0
+        near = 0.0 if self.solution is None else float(self.solution.told.progress[user])
+        return near if np.isfinite(near) else 0.0
+
+    def _registered(self) -> set[int]:
+        return {u for u, state in self._states.items() if state is State.REGISTERED}
+
+    # When, and since when
+
+    def _unknown(self) -> list[int]:
+        """Users that range and whose place is not known."""
+        return [u for u in self._since if u not in self._known]
+
+    def _due(self) -> float:
+        """When the next solve is: each keyframe; while somebody is looked for, ever more seldom."""
+        unknown = self._unknown()
+        if not unknown:
+            return self._solved + self.model.keyframe_interval
+        looked = self._solved - min(self._since[u] for u in unknown)
+        return self._solved + max(self.model.search_least, self.model.search_growth * looked)
+
+    def _window(self) -> Checkpoint:
+        """Where the next window begins: as late as all that must be in it allows, and never earlier than before."""
+        m = self.model
+        latest = self.now - m.window
+        for u in self._unknown():
+            latest = min(latest, max(self._since[u], self.now - m.first_stretch))
+        for checkpoint in reversed(self._checkpoints):
+            if checkpoint.t < self._begin.t:
+                break
+            known = {self._reference} if checkpoint.carried is None else set(checkpoint.carried.users)
+            if checkpoint.t <= latest and (
+                self._known & self._since.keys() <= known or not self._known - {self._reference}
+            ):
+                return checkpoint
+        return self._begin
+
+    # The solve
+
+    def _solve(self) -> list[str]:
+        m = self.model
+        self._begin = begin = self._window()
+        stretch = self.stream.stretch(begin.begin, begin.axes)
+        mended = {name: mend(track, m) for name, track in stretch.recording.tracks.items()}
+        smooth = replace(stretch.recording, tracks={name: of.track for name, of in mended.items()})
+        samples = samples_of(smooth, m)
+        placed = connected(samples, len(self.users), self._reference)
+        samples = samples[np.isin(samples.i, placed)]
+        if len(samples) < _SETTLED_ENOUGH:
+            return []
+        carried = _of(begin.carried, placed, self._known)
+        minima, noise = self._minima(smooth, mended, samples, placed, carried)
+        self.solution = self._told(begin, stretch, smooth, mended, minima, noise)
+        events = self._judge(placed)
+        self._remember(stretch)
+        return events
+
+    def _minima(
+        self,
+        smooth: Recording,
+        mended: dict[str, Mended],
+        samples: Samples,
+        placed: list[int],
+        carried: Carried | None,
+    ) -> tuple[list[Settled], Array]:
+        """The minima of the window, best first, and how noisy each SLAM is taken to be."""
+        m, last = self.model, self.solution
+        noise = np.ones((len(self.users), 2)) if last is None else last.noise
+        follow = last is not None and last.checkpoint is self._begin and set(placed) <= self._known
+        follow = follow and set(placed) <= set(last.graph.placed) if last is not None else False
+        if carried is None and not follow:
+            minima, noise, _ = solve(smooth, mended, self._reference, m)
+            return minima, noise
+        interval = coarse_interval(samples, m) if float(np.ptp(samples.t)) > 2.0 * m.window else m.keyframe_interval
+        keyframes = keyframes_of_all(smooth, mended, interval, m, noise)
+        graph = AnchoredGraph(smooth, samples, keyframes, placed, self._reference, m, carried)
+        if follow and last is not None:
+            return [_followed(graph, last.walks, last.graph.keyframes)], noise
+        assert carried is not None
+        begun = graph.begin(carried.frames, carried.device)
+        if set(placed) <= set(carried.users):
+            return [_followed(graph, begun, keyframes)], noise
+        found = settle_all(graph, _joined(graph, begun, carried, m), m)
+        return compare(found, measured(found[0]), m), noise
+
+    def _told(
+        self,
+        begin: Checkpoint,
+        stretch: Stretch,
+        smooth: Recording,
+        mended: dict[str, Mended],
+        minima: list[Settled],
+        noise: Array,
+    ) -> Solution:
+        axes = begin.axes.copy()
+        for u, user in enumerate(self.users):
+            if not user.static:
+                axes[u] = multiply_quaternions(mended[user.name].mended_from_slam[-1], begin.axes[u])
+        common = begin.common
+        if begin.carried is None:
+            best = minima[0]
+            scale = float(np.exp(best.walks.device[self._reference, SCALE]))
+            common = np.append(scale * best.graph.keyframes[self._reference].anchor, 0.0)
+        return Solution(
+            begin, stretch, minima, tell(minima, smooth, self.model, self._registered()), common, axes, noise
+        )
+
+    def _judge(self, placed: list[int]) -> list[str]:
+        """New states, and what changed."""
+        assert self.solution is not None
+        said, rejected = self.solution.told.said, self._rejected()
+        events = []
+        for u in placed:
+            verdict = said[u]
+            if verdict is None or u == self._reference:
+                continue
+            state, reason = verdict.state, verdict.reason
+            if u in self._known and rejected[u] > self.model.largest_rejected:
+                self._known.discard(u)
+                self._since[u] = self.now
+                state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges do not fit"
+            elif state is State.REGISTERED:
+                self._known.add(u)
+            if state is not self.state(u):
+                events.append(f"{self.users[u].name}: {state}: {reason}")
+            self._states[u] = state
+        return events
+
+    def _rejected(self) -> Array:
+        """(k,) the share of each user's latest ranges that are taken for late or worse."""
+        assert self.solution is not None
+        samples, honest = self.solution.graph.samples, self.solution.told.honest
+        late = samples.t > self.now - self.model.recent
+        out = np.zeros(len(self.users))
+        for u in range(len(self.users)):
+            mine = late & ((samples.i == u) | (samples.j == u))
+            if mine.sum() >= _SETTLED_ENOUGH:
+                out[u] = float((honest[mine] < 0.5).mean())
+        return out
+
+    def _remember(self, stretch: Stretch) -> None:
+        """A checkpoint, and what no window can reach any more forgotten."""
+        solution = self.solution
+        assert solution is not None
+        best = solution.minima[0]
+        unknown = {u for u in best.graph.placed if u not in self._known}
+        carried = carry(best.graph, best.walks, best.judgement).without(unknown)
+        reference = _moved(solution.common, best.frames)[self._reference]
+        scale = solution.scale(self._reference)
+        reference[2] -= scale * best.graph.keyframes[self._reference].place[-1, 2]
+        begin = np.where(np.isnan(stretch.end), self._begin.begin, stretch.end)
+        self._checkpoints.append(Checkpoint(self.now, begin, solution.axes, carried, reference))
+        oldest = max(self._begin.t, self.now - self.model.first_stretch - self.model.window)
+        reachable = [c for c in self._checkpoints if c.t >= oldest] or [self._begin]
+        self._checkpoints = reachable if reachable[0] is self._begin else [self._begin, *reachable]
+        if np.isfinite(self._begin.t):
+            self.stream.forget(self._begin.begin, self._begin.t - 1.0)
+
+    # What is told
+
+    def outcome(self) -> Outcome:
+        """The last solution, about the users' own origins where their last poses are. ValueError before the first."""
+        solution = self.solution
+        if solution is None:
+            raise ValueError("nothing was solved yet")
+        walks, told, k = solution.walks, solution.told, len(self.users)
+        scale = np.array([solution.scale(u) for u in range(k)])
+        turned = yaw_of_quaternions(solution.axes)
+        frames = [
+            about_own(solution.placed(n), turned, scale, solution.stretch.last) for n in range(len(told.placements))
+        ]
+        errors = errors_about_own(frames[0], scale, solution.stretch.last)
+        turn = np.eye(6)
+        c, s = np.cos(solution.common[3]), np.sin(solution.common[3])
+        turn[:2, :2] = [[c, -s], [s, c]]
+        errors = errors @ turn
+        device, sigma = walks.device.copy(), told.device_sigma.copy()
+        device[:, SCALE], sigma[:, SCALE] = scale, sigma[:, SCALE] * scale
+        said: list[Verdict | None] = list(told.said)
+        for u, verdict in enumerate(said):
+            if verdict is not None and u in self._states:
+                said[u] = verdict._replace(state=self._states[u])
+        return Outcome(
+            searched=perf_counter(),
+            said=said,
+            costs=[p.cost for p in told.placements],
+            frames=frames,
+            covariances=errors @ told.covariances @ errors.transpose(0, 2, 1),
+            errors=errors[:, :, :4],
+            scale=scale,
+            samples=solution.graph.samples,
+            weight=told.weight,
+            honest=told.honest,
+            residual=-solution.graph.residuals(walks),
+            device=device,
+            device_sigma=sigma,
+            slam_noise=np.where(np.array([u.static for u in self.users])[:, None], np.nan, solution.noise),
+        )
+
+    def frame(self, user: int) -> YawFrame | None:
+        """`common_from_user` at the user's last pose; None where it has no placement."""
+        if self.solution is None or np.isnan(self.solution.placed()[user, 0]):
+            return None
+        last = self.stream.last_pose(user)
+        position = np.zeros(3) if last is None else last[1:4]
+        place, _ = self.solution.pose(user, position, _IDENTITY)
+        yaw = wrap_angle(
+            float(self.solution.placed()[user, 3]) + float(yaw_of_quaternions(self.solution.axes[user : user + 1])[0])
+        )
+        scale = self.solution.scale(user)
+        x, y, z = (place - YawFrame(yaw=yaw, scale=scale) @ position).tolist()
+        return YawFrame(x, y, z, yaw, scale)
+
+
+def _of(carried: Carried | None, placed: list[int], known: set[int]) -> Carried | None:
+    """What is carried of those that are there and whose places are still believed."""
+    if carried is None:
+        return None
+    return carried.without({u for u in carried.users if u not in placed or u not in known})
+
+
+def _followed(graph: AnchoredGraph, walks: Walks, keyframes: list[Keyframes]) -> Settled:
+    """The minimum that walks lead to, which are known at these keyframes."""
+    walks = interpolated(walks, keyframes, graph.keyframes)
+    return measured(Settled(graph, *graph.settle(walks, graph.first_judgement(), _FIRST_ROUNDS)))
+
+
+def _joined(graph: AnchoredGraph, begun: Walks, carried: Carried, model: Model) -> list[Walks]:
+    """Walks with those who are new wherever their ranges to all others allow."""
+    frames = np.full_like(begun.frames, np.nan)
+    frames[carried.users] = begun.frames[carried.users]
+    flat = graph.flattened(begun._replace(frames=np.nan_to_num(begun.frames)))
+    wide = replace(flat, sigma=np.hypot(flat.sigma, model.search_sigma))
+    alive = [Hypothesis(frames, 0.0)]
+    coming = [u for u in graph.placed if u not in carried.users]
+    while coming:
+        there = ~np.isnan(alive[0].frames[:, 0])
+        ties = [int(((wide.i == u) & there[wide.j] | (wide.j == u) & there[wide.i]).sum()) for u in coming]
+        user = coming.pop(int(np.argmax(ties)))
+        alive = extend(wide, alive, graph.users, user, model)
+    return [begun._replace(frames=h.frames) for h in alive]
+
+
+def _moved(common: Array, frames: Array) -> Array:
+    """Frames (k, 4) x, y, z, yaw that are told in a frame which lies at `common` (4,)."""
+    out = frames.copy()
+    out[:, :3] = apply_frames(np.broadcast_to(common, out.shape), frames[:, :3])
+    out[:, 3] = wrap_angle(frames[:, 3] + common[3])
+    return out

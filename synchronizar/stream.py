@@ -1,0 +1,154 @@
+"""Poses and ranges as they come, one at a time, in any order; read as the recording of some stretch of time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices
+from synchronizar.geometry import multiply_quaternions, rotate_by_quaternions
+from synchronizar.ranges import Ranges
+from synchronizar.recording import Recording
+from synchronizar.track import Track
+from synchronizar.user import User
+
+_LONG_AGO = -1e9  # s: a track of one pose there covers no range
+_NOWHERE = Track(np.array([_LONG_AGO]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
+_FIRST_ROWS = 256
+_RANGE = ("t", "a", "b", "distance", "sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos")
+_SERIAL = len(_RANGE)
+_WHOLE = ("a", "b", "antenna_a", "antenna_b")
+
+
+class Stretch(NamedTuple):
+    """What came in a stretch of time, SLAM's axes turned as they were found to be at its begin."""
+
+    recording: Recording
+    """Of all users; who has no pose there has one long ago."""
+    last: Array
+    """(k, 3) m: where SLAM has each user at its last pose, in its own frame."""
+    end: Array
+    """(k,) s, own stamp of that pose; NaN for users without a pose there."""
+    serial: Indices
+    """(n,) the how-manieth that was ever added each of the recording's ranges is, from 0."""
+
+
+class Rows:
+    """A table that grows at its end, and is cut at its begin; its first column is time."""
+
+    def __init__(self, columns: int) -> None:
+        self._table = np.empty((_FIRST_ROWS, columns))
+        self._count = 0
+        self._in_order = True
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, row: Sequence[float]) -> None:
+        """At the end."""
+        if self._count == len(self._table):
+            self._table = np.concatenate([self._table, np.empty_like(self._table)])
+        self._table[self._count] = row
+        if self._count and row[0] <= self._table[self._count - 1, 0]:
+            self._in_order = False
+        self._count += 1
+
+    def sorted(self) -> Array:
+        """(n, columns) by time; of rows with the same time the first that came stands first."""
+        table = self._table[: self._count]
+        if not self._in_order:
+            table[:] = table[np.argsort(table[:, 0], kind="stable")]
+            self._in_order = bool((np.diff(table[:, 0]) > 0.0).all())
+        return table
+
+    def forget(self, before: float) -> None:
+        """Rows whose time is earlier."""
+        table = self.sorted()
+        first = int(np.searchsorted(table[:, 0], before))
+        if first:
+            left = table[first:].copy()
+            self._table[: len(left)] = left
+            self._count = len(left)
+
+
+class Stream:
+    """Everybody's poses and all ranges, as far back as they are needed."""
+
+    def __init__(self, users: tuple[User, ...]) -> None:
+        self.users = users
+        self._index = {user.name: u for u, user in enumerate(users)}
+        self._poses = [Rows(8) for _ in users]
+        self._ranges = Rows(len(_RANGE) + 1)
+        self._added = 0
+        self.faults = 0
+        """How many poses and ranges were no numbers, or of nobody: they are left out."""
+
+    def add_pose(self, user: str, t: float, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
+        """A device's own pose by its own clock (s, m); an attitude need not be of unit length."""
+        row = np.array([t, *position, *quat_xyzw], dtype=float)
+        length = float(np.linalg.norm(row[4:]))
+        u = self._index.get(user)
+        if u is None or self.users[u].static or row.shape != (8,) or not np.isfinite(row).all() or length == 0.0:
+            self.faults += 1
+            return
+        row[4:] /= length
+        self._poses[u].add(row.tolist())
+
+    def add_range(self, t: float, a: str, b: str, distance: float, optional: Mapping[str, float]) -> None:
+        """A measured distance (m) by the ranges' clock (s)."""
+        first, other = self._index.get(a), self._index.get(b)
+        self._added += 1
+        if first is None or other is None or first == other or not np.isfinite([t, distance]).all():
+            self.faults += 1
+            return
+        known = {"antenna_a": -1.0, "antenna_b": -1.0, **optional, "t": t, "a": first, "b": other, "distance": distance}
+        self._ranges.add([*(known.get(name, np.nan) for name in _RANGE), self._added - 1])
+
+    def ranges_since(self, t: float) -> Array:
+        """(n, 3) stamps and the two users of ranges that are later, by time."""
+        table = self._ranges.sorted()
+        return np.asarray(table[np.searchsorted(table[:, 0], t, side="right") :, :3])
+
+    def last_pose(self, user: int) -> Array | None:
+        """(8,) t x y z qx qy qz qw; None before the first."""
+        table = self._poses[user].sorted()
+        return table[-1].copy() if len(table) else None
+
+    def stretch(self, begin: Array, axes: Array) -> Stretch:
+        """Everything from `begin` on, (k,) s own stamps, that of the first pose among it.
+
+        `axes` (k, 4) quaternions turn each user's SLAM, about its first pose there. Ranges are left out that were told
+        before both devices' first poses.
+        """
+        tracks, k = {}, len(self.users)
+        last, end, first = np.zeros((k, 3)), np.full(k, np.nan), np.full(k, -np.inf)
+        for u, user in enumerate(self.users):
+            if user.static:
+                continue
+            table = self._poses[u].sorted()
+            table = table[np.searchsorted(table[:, 0], begin[u]) :]
+            if not len(table):
+                tracks[user.name] = _NOWHERE
+                continue
+            table = table[np.concatenate([[True], np.diff(table[:, 0]) > 0.0])]
+            first[u], end[u], last[u] = table[0, 0], table[-1, 0], table[-1, 1:4]
+            place = table[0, 1:4] + rotate_by_quaternions(axes[u], table[:, 1:4] - table[0, 1:4])
+            tracks[user.name] = Track(table[:, 0].copy(), place, multiply_quaternions(axes[u], table[:, 4:]))
+        table = self._ranges.sorted()
+        a, b = table[:, 1].astype(int), table[:, 2].astype(int)
+        table = table[table[:, 0] > np.maximum(first[a], first[b])]
+        columns = {
+            name: table[:, n].astype(np.int32) if name in _WHOLE else table[:, n].copy()
+            for n, name in enumerate(_RANGE)
+        }
+        serial = table[:, _SERIAL].astype(np.int32)
+        return Stretch(Recording(self.users, tracks, Ranges(**columns)), last, end, serial)
+
+    def forget(self, begin: Array, ranges_before: float) -> None:
+        """What lies before: poses by own stamps (k,), ranges by theirs."""
+        for rows, t in zip(self._poses, begin.tolist(), strict=True):
+            if np.isfinite(t):
+                rows.forget(t)
+        self._ranges.forget(ranges_before)
