@@ -17,8 +17,16 @@ import numpy as np
 from synchronizar.anchored import AnchoredGraph
 from synchronizar.arrays import Array
 from synchronizar.carried import Carried
+from synchronizar.cues import Cue, cue_of
 from synchronizar.full import keyframes_of_all, solve
-from synchronizar.geometry import YawFrame, apply_frames, multiply_quaternions, wrap_angle, yaw_of_quaternions
+from synchronizar.geometry import (
+    YawFrame,
+    apply_frames,
+    multiply_quaternions,
+    rotation_2d,
+    wrap_angle,
+    yaw_of_quaternions,
+)
 from synchronizar.initialise import Hypothesis, connected, extend
 from synchronizar.jumps import Mended, mend
 from synchronizar.keyframes import Keyframes
@@ -38,6 +46,7 @@ from synchronizar.walks import SCALE, Walks, interpolated
 
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _FIRST_ROUNDS = 2
+_RECENT_WALK = 1.0  # s: in which somebody's way shows
 _SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
 
 
@@ -118,6 +127,7 @@ class Estimator:
         self._solved, self._last_range = -np.inf, -np.inf
         self._since: dict[int, float] = {}
         self._states: dict[int, State] = {}
+        self._cues: dict[int, Cue] = {}
 
     def add_pose(self, user: str, t: float, position: Array, quat_xyzw: Array) -> None:
         """A device's own pose: s by its own clock, (3,) m and (4,) x y z w in its own frame."""
@@ -160,6 +170,36 @@ class Estimator:
             return 1.0
         near = 0.0 if self.solution is None else float(self.solution.told.progress[user])
         return near if np.isfinite(near) else 0.0
+
+    def cue(self, user: int) -> Cue | None:
+        """Which way a user who is not registered should walk; None where that would not help."""
+        return self._cues.get(user)
+
+    def _cue(self, user: int) -> Cue | None:
+        solution, frame = self.solution, self.frame(user)
+        if solution is None or frame is None or self.users[user].static or user == self._reference:
+            return None
+        if self.state(user) is not State.UNOBSERVABLE:
+            return None
+        samples, frames = solution.graph.samples, solution.placed()
+        mine = (samples.i == user) | (samples.j == user)
+        partners = [u for u in np.unique([samples.i[mine], samples.j[mine]]).tolist() if u != user]
+        now = [self.stream.last_pose(u) for u in partners]
+        others = np.array(
+            [
+                frames[u, :3] if pose is None else solution.pose(u, pose[1:4], _IDENTITY)[0]
+                for u, pose in zip(partners, now, strict=True)
+            ]
+        )
+        recent = self.stream.poses_since(user, _RECENT_WALK)
+        ends = np.array([solution.pose(user, row[1:4], _IDENTITY)[0] for row in recent[[0, -1]]])
+        velocity = (ends[1] - ends[0])[:2] / max(float(recent[-1, 0] - recent[0, 0]), 0.1)
+        placement = solution.told.placements[0]
+        turned = placement._replace(frames=frames, covariances=_turned(placement.covariances, solution.common[3]))
+        names = [self.users[u].name for u in partners]
+        return cue_of(
+            turned, user, ends[1], others, velocity, solution.told.corners[user], names, self.cue(user), self.model
+        )
 
     def _registered(self) -> set[int]:
         return {u for u, state in self._states.items() if state is State.REGISTERED}
@@ -212,6 +252,8 @@ class Estimator:
         self.solution = self._told(begin, stretch, smooth, mended, minima, noise)
         events = self._judge(placed)
         self._remember(stretch)
+        cues = {u: self._cue(u) for u in placed}
+        self._cues = {u: cue for u, cue in cues.items() if cue is not None}
         return events
 
     def _minima(
@@ -330,8 +372,7 @@ class Estimator:
         ]
         errors = errors_about_own(frames[0], scale, solution.stretch.last)
         turn = np.eye(6)
-        c, s = np.cos(solution.common[3]), np.sin(solution.common[3])
-        turn[:2, :2] = [[c, -s], [s, c]]
+        turn[:2, :2] = rotation_2d(float(solution.common[3]))
         errors = errors @ turn
         device, sigma = walks.device.copy(), told.device_sigma.copy()
         device[:, SCALE], sigma[:, SCALE] = scale, sigma[:, SCALE] * scale
@@ -398,6 +439,13 @@ def _joined(graph: AnchoredGraph, begun: Walks, carried: Carried, model: Model) 
         user = coming.pop(int(np.argmax(ties)))
         alive = extend(wide, alive, graph.users, user, model)
     return [begun._replace(frames=h.frames) for h in alive]
+
+
+def _turned(covariances: Array, yaw: float) -> Array:
+    """Covariances (k, 4, 4) of x, y, z, yaw in axes that are turned."""
+    turn = np.eye(4)
+    turn[:2, :2] = rotation_2d(yaw)
+    return np.asarray(turn @ covariances @ turn.T)
 
 
 def _moved(common: Array, frames: Array) -> Array:

@@ -127,10 +127,15 @@ class _Known:
             self._read()
         users = {}
         for u, user in enumerate(self.recording.users):
-            frame = estimator.frame(u)
+            frame, cue = estimator.frame(u), estimator.cue(u)
             covariance = None if frame is None else self._covariances[u]
             users[user.name] = UserUpdate(
-                estimator.state(u), frame, covariance, estimator.progress(u), user.static, None
+                estimator.state(u),
+                frame,
+                covariance,
+                estimator.progress(u),
+                user.static,
+                None if cue is None else cue.sentence,
             )
         return Update(t, seconds, users, events)
 

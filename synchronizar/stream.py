@@ -116,6 +116,11 @@ class Stream:
         table = self._poses[user].sorted()
         return table[-1].copy() if len(table) else None
 
+    def poses_since(self, user: int, seconds: float) -> Array:
+        """(n, 8) t x y z qx qy qz qw: the last pose of a user who has some, and those that are little older."""
+        table = self._poses[user].sorted()
+        return table[np.searchsorted(table[:, 0], table[-1, 0] - seconds) :].copy()
+
     def stretch(self, begin: Array, axes: Array) -> Stretch:
         """Everything from `begin` on, (k,) s own stamps, that of the first pose among it.
 

@@ -40,6 +40,8 @@ class Told(NamedTuple):
     """(n,) the probability that each sample is."""
     weight: Array
     """(n,) 1/m^2, of each sample."""
+    corners: Array
+    """(k, c, 3) m: what bounds each walk, about its last keyframe, in its own axes."""
     progress: Array
     """(k,) 0 .. 1 of how near each user is to being registered; NaN for users that are not placed."""
     device_sigma: Array
@@ -73,7 +75,7 @@ def tell(minima: list[Settled], smooth: Recording, model: Model, registered: Col
     for u in graph.free:
         near[u] = progress(told[0], u, graph.users[u].static, corners[u], model)
     weight = weight * best.judgement.worth / graph.sigma**2
-    return Told(said, told, covariances, honest, weight, near, np.sqrt(devices))
+    return Told(said, told, covariances, honest, weight, corners, near, np.sqrt(devices))
 
 
 def outcome(

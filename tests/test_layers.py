@@ -37,7 +37,7 @@ FLOORS = (
     {"batch", "verdict", "anchored"},
     {"outcome", "slips", "sureness", "step_noise"},
     {"settled"},
-    {"rigid", "spans", "told"},
+    {"rigid", "spans", "told", "cues"},
     {"full"},
     {"pipeline", "stream"},
     {"incremental"},
