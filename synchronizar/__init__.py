@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         UserKeys,
     )
     from synchronizar.geometry import YawFrame
+    from synchronizar.incremental import Estimator
     from synchronizar.model import Model
     from synchronizar.pipeline import register
     from synchronizar.ranges import Ranges
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "DeviceBlockFactor": "factors",
     "DeviceKeys": "factors",
+    "Estimator": "incremental",
     "FixedUser": "factors",
     "InputError": "errors",
     "Model": "model",
@@ -53,6 +55,7 @@ _HOMES = {
 __all__ = [
     "DeviceBlockFactor",
     "DeviceKeys",
+    "Estimator",
     "FixedUser",
     "InputError",
     "Model",

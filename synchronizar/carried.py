@@ -15,7 +15,7 @@ import numpy as np
 
 from synchronizar import keys
 from synchronizar.arrays import Array
-from synchronizar.geometry import rotation_2d, wrap_angle
+from synchronizar.geometry import relative_to, rotation_2d, wrap_angle
 
 Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
 
@@ -53,6 +53,27 @@ class Carried(NamedTuple):
         frames = self.frames.copy()
         frames[list(users)] = np.nan
         return left._replace(frames=frames, covariance=self.covariance[np.ix_(at, at)])
+
+    def beside(self, reference: int) -> Carried:
+        """The same beside another user that is carried: errors are turned and moved with it."""
+        others = [u for u in self.users if u != reference]
+        first = {u: 4 * n for n, u in enumerate(self.free)}
+        ours = self.frames[reference]
+        to_ours = rotation_2d(-float(ours[3]))
+        turn = np.zeros((4 * len(others) + 3 * len(self.users), len(self.covariance)))
+        for n, u in enumerate(others):
+            at, away = 4 * n, self.frames[u] - ours
+            if u in first:
+                turn[at : at + 2, first[u] : first[u] + 2] = to_ours
+                turn[at + 2 : at + 4, first[u] + 2 : first[u] + 4] = np.eye(2)
+            there = first[reference]
+            turn[at : at + 2, there : there + 2] = -to_ours
+            turn[at : at + 2, there + 2] = -to_ours @ np.array([-away[1], away[0]])
+            turn[at + 2 : at + 4, there + 2 : there + 4] = -np.eye(2)
+        turn[4 * len(others) :, 4 * len(self.free) :] = np.eye(3 * len(self.users))
+        return Carried(
+            self.users, reference, relative_to(self.frames, reference), self.device, turn @ self.covariance @ turn.T
+        )
 
     def factor(self, assumed_clock: Array) -> gtsam.CustomFactor:
         """The Gaussian as a factor; `assumed_clock` (k,) s are the offsets that the graph's clocks count from."""

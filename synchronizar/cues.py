@@ -55,7 +55,7 @@ def cue_of(
     gain = np.array([[_after(best, user, here, others, a, n, corners, model) - now for n in _LENGTHS] for a in phi])
     way = int(np.argmax(gain[:, -1]))
     if before is not None:
-        same = int(np.argmin(np.abs(_degrees(phi - before.direction))))
+        same = int(np.argmin(np.abs(_degrees(np.asarray(phi - before.direction, dtype=float)))))
         way = same if gain[same, -1] >= _ENOUGH * gain[way, -1] else way
     if not len(others) or gain[way, -1] < _LEAST_GAIN:
         return None

@@ -127,3 +127,13 @@ def rotate_by_quaternions(quat_xyzw: Array, vectors: Array) -> Array:
 def yaw_of_quaternions(quat_xyzw: Array) -> Array:
     """(n,) rad: the turn about z of unit quaternions (n, 4), what is left of them tilting (swing and twist)."""
     return np.asarray(wrap_angle(2.0 * np.arctan2(quat_xyzw[..., 2], quat_xyzw[..., 3])))
+
+
+def relative_to(frames: Array, reference: int) -> Array:
+    """The same placements (k, 4) in the frame of the user `reference`."""
+    x, y, z, yaw = frames[reference]
+    c, s = np.cos(yaw), np.sin(yaw)
+    dx, dy = frames[:, 0] - x, frames[:, 1] - y
+    out = np.stack([c * dx + s * dy, -s * dx + c * dy, frames[:, 2] - z, frames[:, 3] - yaw], axis=1)
+    out[:, 3] = wrap_angle(out[:, 3])
+    return out

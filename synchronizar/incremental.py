@@ -10,6 +10,7 @@ never the only start. Once all are known the window is short and followed from t
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from time import perf_counter
 
 import numpy as np
@@ -23,6 +24,7 @@ from synchronizar.geometry import (
     YawFrame,
     apply_frames,
     multiply_quaternions,
+    rotate_by_quaternions,
     rotation_2d,
     wrap_angle,
     yaw_of_quaternions,
@@ -45,7 +47,7 @@ from synchronizar.verdict import Verdict
 from synchronizar.walks import SCALE, Walks, interpolated
 
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
-_FIRST_ROUNDS = 2
+_ROUNDS = 4  # of a solution that is followed: it is near already
 _RECENT_WALK = 1.0  # s: in which somebody's way shows
 _SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
 
@@ -63,7 +65,17 @@ class Checkpoint:
     carried: Carried | None = None
     """None at the very begin."""
     common: Array = field(default_factory=lambda: np.zeros(4))
-    """(4,) x, y, z, yaw: where the reference's anchor lies in the common frame."""
+    """(4,) x, y, z, yaw: where the anchor of the user lies in the common frame beside which others are carried."""
+
+    def has(self, user: int) -> bool:
+        """Whether a user is carried."""
+        return self.carried is not None and user in self.carried.users
+
+    def beside(self, user: int) -> Checkpoint:
+        """The same, told beside another user that is carried."""
+        assert self.carried is not None
+        common = _moved(self.common, self.carried.frames)[user]
+        return replace(self, carried=self.carried.beside(user), common=common)
 
 
 @dataclass(frozen=True)
@@ -95,19 +107,23 @@ class Solution:
         """Metres in a user's own unit of length."""
         return 1.0 if self.graph.users[user].static else float(np.exp(self.walks.device[user, SCALE]))
 
-    def placed(self, placement: int = 0) -> Array:
+    @cached_property
+    def placed(self) -> Array:
         """(k, 4) x, y, z, yaw of each last keyframe in the common frame."""
-        return _moved(self.common, self.told.placements[placement].frames)
+        return _moved(self.common, self.told.placements[0].frames)
+
+    @cached_property
+    def _turn(self) -> Array:
+        """(k, 4) quaternions: SLAM's axes into the common frame's."""
+        yaw = 0.5 * self.placed[:, 3]
+        zero = np.zeros(len(yaw))
+        return multiply_quaternions(np.column_stack([zero, zero, np.sin(yaw), np.cos(yaw)]), self.axes)
 
     def pose(self, user: int, position: Array, quat_xyzw: Array) -> tuple[Array, Array]:
         """A pose of SLAM's own (3,), (4,) in the common frame: as the last solution has it, SLAM followed since."""
-        x, y, z, yaw = self.placed()[user]
-        turn = multiply_quaternions(np.array([0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]), self.axes[user])
-        away = self.scale(user) * (position - self.stretch.last[user])
-        there = multiply_quaternions(
-            multiply_quaternions(turn, np.append(away, 0.0)), turn * np.array([-1.0, -1.0, -1.0, 1.0])
-        )
-        return np.array([x, y, z]) + there[:3], multiply_quaternions(turn, quat_xyzw)
+        turn = self._turn[user]
+        away = rotate_by_quaternions(turn, self.scale(user) * (position - self.stretch.last[user]))
+        return self.placed[user, :3] + away, multiply_quaternions(turn, quat_xyzw)
 
 
 class Estimator:
@@ -124,6 +140,8 @@ class Estimator:
         self._checkpoints = [Checkpoint(-np.inf, np.full(k, -np.inf), np.tile(_IDENTITY, (k, 1)))]
         self._begin = self._checkpoints[0]
         self._known: set[int] = {self._reference}
+        self._gauge = self._reference
+        """Whose last pose at a checkpoint everybody is told about."""
         self._solved, self._last_range = -np.inf, -np.inf
         self._since: dict[int, float] = {}
         self._states: dict[int, State] = {}
@@ -162,7 +180,7 @@ class Estimator:
 
     def is_registered(self, user: int) -> bool:
         """Whether a user has a placement that can be relied on."""
-        return self.solution is not None and user in self._registered() | {self._reference}
+        return self.solution is not None and self.state(user) is State.REGISTERED
 
     def progress(self, user: int) -> float:
         """0 .. 1 of how near a user is to being registered."""
@@ -177,11 +195,9 @@ class Estimator:
 
     def _cue(self, user: int) -> Cue | None:
         solution, frame = self.solution, self.frame(user)
-        if solution is None or frame is None or self.users[user].static or user == self._reference:
+        if solution is None or frame is None or self.users[user].static or self.state(user) is not State.UNOBSERVABLE:
             return None
-        if self.state(user) is not State.UNOBSERVABLE:
-            return None
-        samples, frames = solution.graph.samples, solution.placed()
+        samples, frames = solution.graph.samples, solution.placed
         mine = (samples.i == user) | (samples.j == user)
         partners = [u for u in np.unique([samples.i[mine], samples.j[mine]]).tolist() if u != user]
         now = [self.stream.last_pose(u) for u in partners]
@@ -227,9 +243,9 @@ class Estimator:
         for checkpoint in reversed(self._checkpoints):
             if checkpoint.t < self._begin.t:
                 break
-            known = {self._reference} if checkpoint.carried is None else set(checkpoint.carried.users)
+            known = {self._gauge} if checkpoint.carried is None else set(checkpoint.carried.users)
             if checkpoint.t <= latest and (
-                self._known & self._since.keys() <= known or not self._known - {self._reference}
+                self._known & self._since.keys() <= known or not self._known - {self._gauge}
             ):
                 return checkpoint
         return self._begin
@@ -238,23 +254,50 @@ class Estimator:
 
     def _solve(self) -> list[str]:
         m = self.model
-        self._begin = begin = self._window()
+        self._begin = self._window()
+        self._hand_over()
+        begin = self._begin
         stretch = self.stream.stretch(begin.begin, begin.axes)
         mended = {name: mend(track, m) for name, track in stretch.recording.tracks.items()}
         smooth = replace(stretch.recording, tracks={name: of.track for name, of in mended.items()})
         samples = samples_of(smooth, m)
-        placed = connected(samples, len(self.users), self._reference)
+        placed = connected(samples, len(self.users), self._gauge)
         samples = samples[np.isin(samples.i, placed)]
+        events = self._part(placed)
         if len(samples) < _SETTLED_ENOUGH:
-            return []
+            return events
         carried = _of(begin.carried, placed, self._known)
         minima, noise = self._minima(smooth, mended, samples, placed, carried)
         self.solution = self._told(begin, stretch, smooth, mended, minima, noise)
-        events = self._judge(placed)
+        events += self._judge(placed)
         self._remember(stretch)
         cues = {u: self._cue(u) for u in placed}
         self._cues = {u: cue for u, cue in cues.items() if cue is not None}
         return events
+
+    def _hand_over(self) -> None:
+        """Where the user that windows are told about ranges no more, another takes its place; the frame stays."""
+        late = self.stream.ranges_since(self.now - self.model.window)[:, 1:].astype(int)
+        heard = np.bincount(late.ravel(), minlength=len(self.users))
+        carried = self._begin.carried
+        if heard[self._gauge] or carried is None:
+            return
+        able = [u for u in carried.free if u in self._known and heard[u] and not self.users[u].static]
+        if able:
+            heir = max(able, key=lambda u: heard[u])
+            self._checkpoints = [c.beside(heir) for c in self._checkpoints if c.has(heir) and c.t >= self._begin.t]
+            self._begin, self._gauge = self._checkpoints[0], heir
+
+    def _part(self, placed: list[int]) -> list[str]:
+        """Those who were known and to whom no chain of ranges leads any more: they are looked for when they return."""
+        gone = [u for u, state in self._states.items() if state is not State.DISCONNECTED and u not in placed]
+        if self._gauge != self._reference and self._reference not in self._states and self._reference not in placed:
+            gone.append(self._reference)
+        for u in gone:
+            self._states[u] = State.DISCONNECTED
+            self._known.discard(u)
+            self._since.pop(u, None)
+        return [f"{self.users[u].name}: {State.DISCONNECTED}: no chain of ranges leads to it any more" for u in gone]
 
     def _minima(
         self,
@@ -270,17 +313,18 @@ class Estimator:
         follow = last is not None and last.checkpoint is self._begin and set(placed) <= self._known
         follow = follow and set(placed) <= set(last.graph.placed) if last is not None else False
         if carried is None and not follow:
-            minima, noise, _ = solve(smooth, mended, self._reference, m)
+            minima, noise, _ = solve(smooth, mended, self._gauge, m)
             return minima, noise
         interval = coarse_interval(samples, m) if float(np.ptp(samples.t)) > 2.0 * m.window else m.keyframe_interval
         keyframes = keyframes_of_all(smooth, mended, interval, m, noise)
-        graph = AnchoredGraph(smooth, samples, keyframes, placed, self._reference, m, carried)
+        graph = AnchoredGraph(smooth, samples, keyframes, placed, self._gauge, m, carried)
+        worth = 1.0 if last is None else float(last.minima[0].judgement.worth.mean())
         if follow and last is not None:
-            return [_followed(graph, last.walks, last.graph.keyframes)], noise
+            return [_followed(graph, last.walks, last.graph.keyframes, worth)], noise
         assert carried is not None
         begun = graph.begin(carried.frames, carried.device)
         if set(placed) <= set(carried.users):
-            return [_followed(graph, begun, keyframes)], noise
+            return [_followed(graph, begun, keyframes, worth)], noise
         found = settle_all(graph, _joined(graph, begun, carried, m), m)
         return compare(found, measured(found[0]), m), noise
 
@@ -300,8 +344,8 @@ class Estimator:
         common = begin.common
         if begin.carried is None:
             best = minima[0]
-            scale = float(np.exp(best.walks.device[self._reference, SCALE]))
-            common = np.append(scale * best.graph.keyframes[self._reference].anchor, 0.0)
+            scale = float(np.exp(best.walks.device[self._gauge, SCALE]))
+            common = np.append(scale * best.graph.keyframes[self._gauge].anchor, 0.0)
         return Solution(
             begin, stretch, minima, tell(minima, smooth, self.model, self._registered()), common, axes, noise
         )
@@ -313,7 +357,7 @@ class Estimator:
         events = []
         for u in placed:
             verdict = said[u]
-            if verdict is None or u == self._reference:
+            if verdict is None or u == self._gauge:
                 continue
             state, reason = verdict.state, verdict.reason
             if u in self._known and rejected[u] > self.model.largest_rejected:
@@ -346,9 +390,9 @@ class Estimator:
         best = solution.minima[0]
         unknown = {u for u in best.graph.placed if u not in self._known}
         carried = carry(best.graph, best.walks, best.judgement).without(unknown)
-        reference = _moved(solution.common, best.frames)[self._reference]
-        scale = solution.scale(self._reference)
-        reference[2] -= scale * best.graph.keyframes[self._reference].place[-1, 2]
+        reference = _moved(solution.common, best.frames)[self._gauge]
+        scale = solution.scale(self._gauge)
+        reference[2] -= scale * best.graph.keyframes[self._gauge].place[-1, 2]
         begin = np.where(np.isnan(stretch.end), self._begin.begin, stretch.end)
         self._checkpoints.append(Checkpoint(self.now, begin, solution.axes, carried, reference))
         oldest = max(self._begin.t, self.now - self.model.first_stretch - self.model.window)
@@ -368,7 +412,7 @@ class Estimator:
         scale = np.array([solution.scale(u) for u in range(k)])
         turned = yaw_of_quaternions(solution.axes)
         frames = [
-            about_own(solution.placed(n), turned, scale, solution.stretch.last) for n in range(len(told.placements))
+            about_own(_moved(solution.common, p.frames), turned, scale, solution.stretch.last) for p in told.placements
         ]
         errors = errors_about_own(frames[0], scale, solution.stretch.last)
         turn = np.eye(6)
@@ -380,6 +424,8 @@ class Estimator:
         for u, verdict in enumerate(said):
             if verdict is not None and u in self._states:
                 said[u] = verdict._replace(state=self._states[u])
+            if verdict is not None and u == self._gauge != self._reference:
+                said[u] = verdict._replace(reason="the others are placed beside it")
         return Outcome(
             searched=perf_counter(),
             said=said,
@@ -399,13 +445,13 @@ class Estimator:
 
     def frame(self, user: int) -> YawFrame | None:
         """`common_from_user` at the user's last pose; None where it has no placement."""
-        if self.solution is None or np.isnan(self.solution.placed()[user, 0]):
+        if self.solution is None or np.isnan(self.solution.placed[user, 0]):
             return None
         last = self.stream.last_pose(user)
         position = np.zeros(3) if last is None else last[1:4]
         place, _ = self.solution.pose(user, position, _IDENTITY)
         yaw = wrap_angle(
-            float(self.solution.placed()[user, 3]) + float(yaw_of_quaternions(self.solution.axes[user : user + 1])[0])
+            float(self.solution.placed[user, 3]) + float(yaw_of_quaternions(self.solution.axes[user : user + 1])[0])
         )
         scale = self.solution.scale(user)
         x, y, z = (place - YawFrame(yaw=yaw, scale=scale) @ position).tolist()
@@ -419,10 +465,12 @@ def _of(carried: Carried | None, placed: list[int], known: set[int]) -> Carried 
     return carried.without({u for u in carried.users if u not in placed or u not in known})
 
 
-def _followed(graph: AnchoredGraph, walks: Walks, keyframes: list[Keyframes]) -> Settled:
-    """The minimum that walks lead to, which are known at these keyframes."""
+def _followed(graph: AnchoredGraph, walks: Walks, keyframes: list[Keyframes], worth: float) -> Settled:
+    """The minimum that walks lead to, which are known at these keyframes; ranges were worth so much before."""
     walks = interpolated(walks, keyframes, graph.keyframes)
-    return measured(Settled(graph, *graph.settle(walks, graph.first_judgement(), _FIRST_ROUNDS)))
+    before = replace(graph.first_judgement(), worth=np.full(len(graph.samples), worth))
+    walks, judgement, _ = graph.settle(walks, before, 1)
+    return Settled(graph, *graph.settle(walks, graph.measured(walks, judgement), _ROUNDS))
 
 
 def _joined(graph: AnchoredGraph, begun: Walks, carried: Carried, model: Model) -> list[Walks]:

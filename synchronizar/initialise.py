@@ -13,7 +13,7 @@ import numpy as np
 
 from synchronizar._core import search_placements
 from synchronizar.arrays import Array, Indices, Mask
-from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.geometry import apply_frames, relative_to
 from synchronizar.graph import height_sigma_of, late_loss
 from synchronizar.model import Model
 from synchronizar.samples import Samples, pairs
@@ -149,13 +149,3 @@ def extend(
             grown.append(Hypothesis(frames, hypothesis.cost + float(placement[4])))
     grown.sort(key=lambda h: h.cost)
     return [h for h in grown[: model.most_hypotheses] if h.cost <= grown[0].cost + model.cost_alive]
-
-
-def relative_to(frames: Array, reference: int) -> Array:
-    """The same placements (k, 4) in the frame of the user `reference`."""
-    x, y, z, yaw = frames[reference]
-    c, s = np.cos(yaw), np.sin(yaw)
-    dx, dy = frames[:, 0] - x, frames[:, 1] - y
-    out = np.stack([c * dx + s * dy, -s * dx + c * dy, frames[:, 2] - z, frames[:, 3] - yaw], axis=1)
-    out[:, 3] = wrap_angle(out[:, 3])
-    return out

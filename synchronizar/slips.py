@@ -16,9 +16,9 @@ import numpy as np
 from synchronizar._core import judge
 from synchronizar.anchored import AnchoredGraph
 from synchronizar.arrays import Array, Indices
-from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.geometry import apply_frames, relative_to, wrap_angle
 from synchronizar.graph import late_loss
-from synchronizar.initialise import Hypothesis, extend, relative_to
+from synchronizar.initialise import Hypothesis, extend
 from synchronizar.jumps import Jump
 from synchronizar.model import Model
 from synchronizar.samples import Samples

@@ -9,8 +9,8 @@ import numpy as np
 from synchronizar.anchored import AnchoredGraph
 from synchronizar.arrays import Array, Mask
 from synchronizar.centre import centred, middles
-from synchronizar.geometry import apply_frames
-from synchronizar.initialise import Hypothesis, connected, extend, joint_placements, relative_to
+from synchronizar.geometry import apply_frames, relative_to
+from synchronizar.initialise import Hypothesis, connected, extend, joint_placements
 from synchronizar.keyframes import Keyframes
 from synchronizar.model import Model
 from synchronizar.recording import Recording

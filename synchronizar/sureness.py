@@ -10,8 +10,7 @@ from synchronizar import keys
 from synchronizar.anchored import AnchoredGraph, Judgement
 from synchronizar.arrays import Array
 from synchronizar.carried import Carried
-from synchronizar.geometry import rotation_2d
-from synchronizar.initialise import relative_to
+from synchronizar.geometry import relative_to, rotation_2d
 from synchronizar.walks import SCALE, Walks
 
 

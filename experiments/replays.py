@@ -1,0 +1,190 @@
+"""How soon users are registered while they walk, and how true that is then.
+
+`python -m experiments.replays [--walks 60] [--recordings ../shared/recordings] [--long 10]`.
+
+Free walks of 20 s (sigma 0.1 m, every pair at 1000 / (80 + 21 (k - 1)) Hz, nothing wrong with anybody's device) are
+replayed: when each user is first registered, and the error of its place (in the plane, against the truth, beside
+the reference) whenever it is. Recordings: when users were registered, the error of their causal tracks beside
+the reference's after the first minute, and how far the place at the end is from that of `register`. `--long` minutes
+of four users: how long updates take.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from experiments.full_oracle import common_from_world
+from experiments.results import write_table
+from experiments.walks import on_all_cores
+from synchronizar.evaluate import align, match, read_tracks
+from synchronizar.pipeline import register
+from synchronizar.recording import Recording
+from synchronizar.registration import State
+from synchronizar.replay import Replay, replay
+from synchronizar.scene import Scene
+from synchronizar.simulate import simulate
+
+SECONDS = 20.0
+MINUTE = 60.0
+OFF = 0.6
+WITHIN = 10.0
+
+
+class Walk(NamedTuple):
+    """One free walk."""
+
+    first: list[float]
+    """s, when each user was first registered; infinity for never."""
+    wrong: int
+    """How many users were registered at some time while off by more than 0.6 m."""
+    errors: list[float]
+    """m in the plane, of each user at the end."""
+    seconds: list[float]
+    """How long each update took."""
+
+
+def walk(scene: Scene) -> Walk:
+    """Replay one."""
+    simulation = simulate(scene)
+    recording = simulation.recording
+    played = replay(recording)
+    reference = played.registration.reference
+    to_common = common_from_world(simulation, reference)
+    began, first, wrong, errors = _began(recording), [], 0, []
+    for user in recording.users:
+        if user.name == reference:
+            continue
+        true = to_common @ simulation.world_from_user[user.name]
+        told = [(u.t - began, u.users[user.name]) for u in played.updates]
+        registered = [(t, of) for t, of in told if of.state is State.REGISTERED and of.common_from_user is not None]
+        first.append(registered[0][0] if registered else np.inf)
+        off = [
+            float(np.hypot(*(of.common_from_user.translation - true.translation)[:2]))
+            for _, of in told
+            if of.common_from_user is not None
+        ]
+        errors.append(off[-1] if off else np.inf)
+        wrong += any(
+            float(np.hypot(*(of.common_from_user.translation - true.translation)[:2])) > OFF
+            for _, of in registered
+            if of.common_from_user is not None
+        )
+    return Walk(first, wrong, errors, [u.seconds for u in played.updates])
+
+
+def walks_row(users: int, walks: list[Walk]) -> dict[str, Any]:
+    """A line of the table."""
+    first = np.concatenate([w.first for w in walks])
+    seconds = np.concatenate([w.seconds for w in walks])
+    return {
+        "users": users,
+        "n": len(first),
+        "median s until registered": float(np.median(first)),
+        "95th percentile": float(np.quantile(first, 0.95, method="higher")),
+        "registered by 10 s": float((first <= WITHIN).mean()),
+        "ever registered and off > 0.6 m": sum(w.wrong for w in walks),
+        "median error at the end": float(np.median(np.concatenate([w.errors for w in walks]))),
+        **_times(seconds),
+    }
+
+
+def recording_row(folder: Path) -> dict[str, Any]:
+    """A line of the table."""
+    recording, truth = Recording.load(folder), read_tracks(folder / "truth")
+    played, whole = replay(recording), register(recording)
+    reference, began = played.registration.reference, _began(recording)
+    others = [user.name for user in recording.users if user.name != reference]
+    first = [_first(played, name, began) for name in others]
+    away = [
+        float(np.linalg.norm((a.translation - b.translation)[:2]))
+        for name in others
+        if (a := played.registration.users[name].common_from_user) and (b := whole.users[name].common_from_user)
+    ]
+    registered = [f for f in first if np.isfinite(f)]
+    return {
+        "recording": folder.name,
+        "users": len(recording.users),
+        "ever registered": f"{len(registered)} of {len(others)}",
+        "median s until registered": float(np.median(registered)) if registered else None,
+        "causal transfer xy after 60 s": _causal(played, truth, reference, others, began + MINUTE),
+        "largest distance of the end to batch": max(away, default=None),
+        **_times(np.array([u.seconds for u in played.updates])),
+    }
+
+
+def _first(played: Replay, name: str, began: float) -> float:
+    return next((u.t - began for u in played.updates if u.users[name].state is State.REGISTERED), np.inf)
+
+
+def _causal(played: Replay, truth: dict[str, Any], reference: str, others: list[str], since: float) -> float | None:
+    """RMSE (m) in the plane of all others, the reference's own causal track aligned with its truth."""
+    if reference not in truth or reference not in played.tracks:
+        return None
+    laid = match(played.tracks[reference], truth[reference])
+    if laid is None:
+        return None
+    squares = []
+    for name in others:
+        track = played.tracks.get(name)
+        if track is None or name not in truth or track.t[-1] <= since:
+            continue
+        matched = match(track, truth[name])
+        known = track.t[truth[name].at(track.t, 0.5).valid]
+        if matched is not None:
+            off = align([laid]) @ matched.estimated - matched.true
+            squares.append((off[known > since, :2] ** 2).sum(axis=1))
+    return float(np.sqrt(np.concatenate(squares).mean())) if squares else None
+
+
+def long_row(minutes: float) -> dict[str, Any]:
+    """Four users, all pairs at 8 Hz, tracks at 30 Hz."""
+    played = replay(simulate(Scene(users=4, seconds=60.0 * minutes, rate_hz=8.0, drift_m_per_sqrt_s=0.01)).recording)
+    seconds = np.array([u.seconds for u in played.updates])
+    quarters = [float(q.sum()) for q in np.array_split(seconds, 4)]
+    return {
+        "minutes": minutes,
+        **_times(seconds),
+        "s in all": float(seconds.sum()),
+        "last quarter / second": quarters[3] / quarters[1],
+        "GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+    }
+
+
+def _times(seconds: np.ndarray) -> dict[str, float]:
+    p50, p99 = (1e3 * np.quantile(seconds, q) for q in (0.5, 0.99))
+    return {"p50 ms": float(p50), "p99 ms": float(p99), "max ms": float(1e3 * seconds.max())}
+
+
+def _began(recording: Recording) -> float:
+    return float(recording.ranges.t.min())
+
+
+def main() -> None:
+    """The tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--walks", type=int, default=60)
+    parser.add_argument("--users", type=int, nargs="+", default=[2, 4])
+    parser.add_argument("--recordings", type=Path)
+    parser.add_argument("--long", type=float)
+    options = parser.parse_args()
+    settings = {**vars(options), "recordings": str(options.recordings)}
+    if options.walks:
+        rows = []
+        for users in options.users:
+            scenes = [Scene(users=users, seconds=SECONDS, seed=seed) for seed in range(options.walks)]
+            rows.append(walks_row(users, list(on_all_cores(walk, scenes))))
+        print(write_table("replays_walks", rows, settings))
+    if options.recordings is not None:
+        folders = sorted(f.parent for f in options.recordings.glob("*/ranges.csv"))
+        print(write_table("replays_recordings", [recording_row(folder) for folder in folders], settings))
+    if options.long:
+        print(write_table("replays_long", [long_row(options.long)], settings))
+
+
+if __name__ == "__main__":
+    main()
