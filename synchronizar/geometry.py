@@ -137,3 +137,11 @@ def relative_to(frames: Array, reference: int) -> Array:
     out = np.stack([c * dx + s * dy, -s * dx + c * dy, frames[:, 2] - z, frames[:, 3] - yaw], axis=1)
     out[:, 3] = wrap_angle(out[:, 3])
     return out
+
+
+def moved_frames(common: Array, frames: Array) -> Array:
+    """Frames (k, 4) x, y, z, yaw that are told in a frame which lies at `common` (4,)."""
+    out = frames.copy()
+    out[:, :3] = apply_frames(np.broadcast_to(common, out.shape), frames[:, :3])
+    out[:, 3] = wrap_angle(frames[:, 3] + common[3])
+    return out

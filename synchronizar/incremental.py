@@ -9,8 +9,9 @@ never the only start. Once all are known the window is short and followed from t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -22,7 +23,7 @@ from synchronizar.cues import Cue, cue_of
 from synchronizar.full import keyframes_of_all, solve
 from synchronizar.geometry import (
     YawFrame,
-    apply_frames,
+    moved_frames,
     multiply_quaternions,
     rotate_by_quaternions,
     rotation_2d,
@@ -32,6 +33,7 @@ from synchronizar.geometry import (
 from synchronizar.initialise import Hypothesis, connected, extend
 from synchronizar.jumps import Mended, mend
 from synchronizar.keyframes import Keyframes
+from synchronizar.memory import Checkpoint, Memory, beginning, load, save
 from synchronizar.model import Model
 from synchronizar.outcome import Outcome
 from synchronizar.recording import Recording
@@ -50,32 +52,6 @@ _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _ROUNDS = 4  # of a solution that is followed: it is near already
 _RECENT_WALK = 1.0  # s: in which somebody's way shows
 _SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
-
-
-@dataclass(frozen=True)
-class Checkpoint:
-    """A moment that everything up to then was solved for; windows begin there."""
-
-    t: float
-    """s, range clock; minus infinity before the first range."""
-    begin: Array
-    """(k,) s, own stamps of each user's last pose then."""
-    axes: Array
-    """(k, 4) quaternions: what SLAM's axes had been turned by, to undo its jumps."""
-    carried: Carried | None = None
-    """None at the very begin."""
-    common: Array = field(default_factory=lambda: np.zeros(4))
-    """(4,) x, y, z, yaw: where the anchor of the user lies in the common frame beside which others are carried."""
-
-    def has(self, user: int) -> bool:
-        """Whether a user is carried."""
-        return self.carried is not None and user in self.carried.users
-
-    def beside(self, user: int) -> Checkpoint:
-        """The same, told beside another user that is carried."""
-        assert self.carried is not None
-        common = _moved(self.common, self.carried.frames)[user]
-        return replace(self, carried=self.carried.beside(user), common=common)
 
 
 @dataclass(frozen=True)
@@ -110,7 +86,7 @@ class Solution:
     @cached_property
     def placed(self) -> Array:
         """(k, 4) x, y, z, yaw of each last keyframe in the common frame."""
-        return _moved(self.common, self.told.placements[0].frames)
+        return moved_frames(self.common, self.told.placements[0].frames)
 
     @cached_property
     def _turn(self) -> Array:
@@ -131,21 +107,26 @@ class Estimator:
 
     def __init__(self, users: tuple[User, ...], reference: str, model: Model | None = None) -> None:
         """`users` sorted by name. KeyError where `reference` is none of them; it must not stand still."""
-        self.users, self.model = users, model or Model()
-        self._reference = {u.name: n for n, u in enumerate(users) if not u.static}[reference]
-        self.stream = Stream(users)
-        self.now = -np.inf
+        moving = {u.name: n for n, u in enumerate(users) if not u.static}
+        self._begin_with(Stream(users), beginning(len(users), moving[reference]), model or Model())
+
+    def _begin_with(self, stream: Stream, memory: Memory, model: Model) -> None:
+        self.users, self.stream, self.memory, self.model = stream.users, stream, memory, model
         self.solution: Solution | None = None
-        k = len(users)
-        self._checkpoints = [Checkpoint(-np.inf, np.full(k, -np.inf), np.tile(_IDENTITY, (k, 1)))]
-        self._begin = self._checkpoints[0]
-        self._known: set[int] = {self._reference}
-        self._gauge = self._reference
-        """Whose last pose at a checkpoint everybody is told about."""
-        self._solved, self._last_range = -np.inf, -np.inf
-        self._since: dict[int, float] = {}
-        self._states: dict[int, State] = {}
         self._cues: dict[int, Cue] = {}
+
+    def save(self, path: str | Path) -> None:
+        """Write all that it knows to a file. Raises InputError where that cannot be."""
+        save(path, self.stream, self.memory)
+
+    @classmethod
+    def load(cls, path: str | Path, model: Model | None = None) -> Estimator:
+        """Go on from a file that `save` wrote. Raises InputError where it is none."""
+        out = cls.__new__(cls)
+        out._begin_with(*load(path), model or Model())
+        if np.isfinite(out.memory.solved):
+            out._solve()
+        return out
 
     def add_pose(self, user: str, t: float, position: Array, quat_xyzw: Array) -> None:
         """A device's own pose: s by its own clock, (3,) m and (4,) x y z w in its own frame."""
@@ -157,26 +138,26 @@ class Estimator:
 
     def advance(self, t: float) -> list[str]:
         """It is `t` (s, range clock): solve if that is due. Returns what has happened, a sentence each."""
-        self.now = max(self.now, t)
-        fresh = self.stream.ranges_since(self._last_range)
+        self.memory.now = max(self.memory.now, t)
+        fresh = self.stream.ranges_since(self.memory.last_range)
         for stamp, *ends in fresh.tolist():
             for end in ends:
-                self._since.setdefault(int(end), stamp)
+                self.memory.since.setdefault(int(end), stamp)
         if len(fresh):
-            self._last_range = float(fresh[-1, 0])
-        if self._last_range <= self._solved or self.now < self._due():
+            self.memory.last_range = float(fresh[-1, 0])
+        if self.memory.last_range <= self.memory.solved or self.memory.now < self._due():
             return []
-        self._solved = self.now
+        self.memory.solved = self.memory.now
         return self._solve()
 
     def state(self, user: int) -> State:
         """Of a user at this moment."""
-        return self._states.get(user, State.REGISTERED if user == self._reference else State.DISCONNECTED)
+        return self.memory.states.get(user, State.REGISTERED if user == self.memory.reference else State.DISCONNECTED)
 
     @property
     def reference(self) -> int:
         """Whose frame the common one is."""
-        return self._reference
+        return self.memory.reference
 
     def is_registered(self, user: int) -> bool:
         """Whether a user has a placement that can be relied on."""
@@ -218,56 +199,52 @@ class Estimator:
         )
 
     def _registered(self) -> set[int]:
-        return {u for u, state in self._states.items() if state is State.REGISTERED}
+        return {u for u, state in self.memory.states.items() if state is State.REGISTERED}
 
     # When, and since when
 
     def _unknown(self) -> list[int]:
         """Users that range and whose place is not known."""
-        return [u for u in self._since if u not in self._known]
+        return [u for u in self.memory.since if u not in self.memory.known]
 
     def _due(self) -> float:
         """When the next solve is: each keyframe; while somebody is looked for, ever more seldom."""
         unknown = self._unknown()
         if not unknown:
-            return self._solved + self.model.keyframe_interval
-        looked = self._solved - min(self._since[u] for u in unknown)
-        return self._solved + max(self.model.search_least, self.model.search_growth * looked)
+            return self.memory.solved + self.model.keyframe_interval
+        looked = self.memory.solved - min(self.memory.since[u] for u in unknown)
+        return self.memory.solved + max(self.model.search_least, self.model.search_growth * looked)
 
-    def _window(self) -> Checkpoint:
-        """Where the next window begins: as late as all that must be in it allows, and never earlier than before."""
-        m = self.model
-        latest = self.now - m.window
+    def _move_window(self) -> None:
+        """Begin the window as late as all that must be in it allows, and never earlier than before."""
+        m, memory = self.model, self.memory
+        latest = memory.now - m.window
         for u in self._unknown():
-            latest = min(latest, max(self._since[u], self.now - m.first_stretch))
-        for checkpoint in reversed(self._checkpoints):
-            if checkpoint.t < self._begin.t:
-                break
-            known = {self._gauge} if checkpoint.carried is None else set(checkpoint.carried.users)
-            if checkpoint.t <= latest and (
-                self._known & self._since.keys() <= known or not self._known - {self._gauge}
-            ):
-                return checkpoint
-        return self._begin
+            latest = min(latest, max(memory.since[u], memory.now - m.first_stretch))
+        needed = memory.known & memory.since.keys() - {memory.gauge}
+        able = [n for n, c in enumerate(memory.checkpoints) if c.t <= latest and all(c.has(user) for user in needed)]
+        if able:
+            memory.checkpoints = memory.checkpoints[able[-1] :]
 
     # The solve
 
     def _solve(self) -> list[str]:
         m = self.model
-        self._begin = self._window()
+        self._move_window()
         self._hand_over()
-        begin = self._begin
+        begin = self.memory.begin
         stretch = self.stream.stretch(begin.begin, begin.axes)
         mended = {name: mend(track, m) for name, track in stretch.recording.tracks.items()}
         smooth = replace(stretch.recording, tracks={name: of.track for name, of in mended.items()})
         samples = samples_of(smooth, m)
-        placed = connected(samples, len(self.users), self._gauge)
+        placed = connected(samples, len(self.users), self.memory.gauge)
         samples = samples[np.isin(samples.i, placed)]
         events = self._part(placed)
         if len(samples) < _SETTLED_ENOUGH:
             return events
-        carried = _of(begin.carried, placed, self._known)
+        carried = _of(begin.carried, placed, self.memory.known)
         minima, noise = self._minima(smooth, mended, samples, placed, carried)
+        self.memory.noise, self.memory.worth = noise, float(minima[0].judgement.worth.mean())
         self.solution = self._told(begin, stretch, smooth, mended, minima, noise)
         events += self._judge(placed)
         self._remember(stretch)
@@ -277,26 +254,31 @@ class Estimator:
 
     def _hand_over(self) -> None:
         """Where the user that windows are told about ranges no more, another takes its place; the frame stays."""
-        late = self.stream.ranges_since(self.now - self.model.window)[:, 1:].astype(int)
+        late = self.stream.ranges_since(self.memory.now - self.model.window)[:, 1:].astype(int)
         heard = np.bincount(late.ravel(), minlength=len(self.users))
-        carried = self._begin.carried
-        if heard[self._gauge] or carried is None:
+        carried = self.memory.begin.carried
+        if heard[self.memory.gauge] or carried is None:
             return
-        able = [u for u in carried.free if u in self._known and heard[u] and not self.users[u].static]
+        able = [u for u in carried.free if u in self.memory.known and heard[u] and not self.users[u].static]
         if able:
             heir = max(able, key=lambda u: heard[u])
-            self._checkpoints = [c.beside(heir) for c in self._checkpoints if c.has(heir) and c.t >= self._begin.t]
-            self._begin, self._gauge = self._checkpoints[0], heir
+            memory = self.memory
+            memory.checkpoints = [c.beside(heir) for c in memory.checkpoints if c.has(heir)]
+            memory.gauge = heir
 
     def _part(self, placed: list[int]) -> list[str]:
         """Those who were known and to whom no chain of ranges leads any more: they are looked for when they return."""
-        gone = [u for u, state in self._states.items() if state is not State.DISCONNECTED and u not in placed]
-        if self._gauge != self._reference and self._reference not in self._states and self._reference not in placed:
-            gone.append(self._reference)
+        gone = [u for u, state in self.memory.states.items() if state is not State.DISCONNECTED and u not in placed]
+        if (
+            self.memory.gauge != self.memory.reference
+            and self.memory.reference not in self.memory.states
+            and self.memory.reference not in placed
+        ):
+            gone.append(self.memory.reference)
         for u in gone:
-            self._states[u] = State.DISCONNECTED
-            self._known.discard(u)
-            self._since.pop(u, None)
+            self.memory.states[u] = State.DISCONNECTED
+            self.memory.known.discard(u)
+            self.memory.since.pop(u, None)
         return [f"{self.users[u].name}: {State.DISCONNECTED}: no chain of ranges leads to it any more" for u in gone]
 
     def _minima(
@@ -309,16 +291,16 @@ class Estimator:
     ) -> tuple[list[Settled], Array]:
         """The minima of the window, best first, and how noisy each SLAM is taken to be."""
         m, last = self.model, self.solution
-        noise = np.ones((len(self.users), 2)) if last is None else last.noise
-        follow = last is not None and last.checkpoint is self._begin and set(placed) <= self._known
+        noise = self.memory.noise
+        follow = last is not None and last.checkpoint is self.memory.begin and set(placed) <= self.memory.known
         follow = follow and set(placed) <= set(last.graph.placed) if last is not None else False
         if carried is None and not follow:
-            minima, noise, _ = solve(smooth, mended, self._gauge, m)
+            minima, noise, _ = solve(smooth, mended, self.memory.gauge, m)
             return minima, noise
         interval = coarse_interval(samples, m) if float(np.ptp(samples.t)) > 2.0 * m.window else m.keyframe_interval
         keyframes = keyframes_of_all(smooth, mended, interval, m, noise)
-        graph = AnchoredGraph(smooth, samples, keyframes, placed, self._gauge, m, carried)
-        worth = 1.0 if last is None else float(last.minima[0].judgement.worth.mean())
+        graph = AnchoredGraph(smooth, samples, keyframes, placed, self.memory.gauge, m, carried)
+        worth = self.memory.worth
         if follow and last is not None:
             return [_followed(graph, last.walks, last.graph.keyframes, worth)], noise
         assert carried is not None
@@ -344,8 +326,8 @@ class Estimator:
         common = begin.common
         if begin.carried is None:
             best = minima[0]
-            scale = float(np.exp(best.walks.device[self._gauge, SCALE]))
-            common = np.append(scale * best.graph.keyframes[self._gauge].anchor, 0.0)
+            scale = float(np.exp(best.walks.device[self.memory.gauge, SCALE]))
+            common = np.append(scale * best.graph.keyframes[self.memory.gauge].anchor, 0.0)
         return Solution(
             begin, stretch, minima, tell(minima, smooth, self.model, self._registered()), common, axes, noise
         )
@@ -357,25 +339,25 @@ class Estimator:
         events = []
         for u in placed:
             verdict = said[u]
-            if verdict is None or u == self._gauge:
+            if verdict is None or u == self.memory.gauge:
                 continue
             state, reason = verdict.state, verdict.reason
-            if u in self._known and rejected[u] > self.model.largest_rejected:
-                self._known.discard(u)
-                self._since[u] = self.now
+            if u in self.memory.known and rejected[u] > self.model.largest_rejected:
+                self.memory.known.discard(u)
+                self.memory.since[u] = self.memory.now
                 state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges do not fit"
             elif state is State.REGISTERED:
-                self._known.add(u)
+                self.memory.known.add(u)
             if state is not self.state(u):
                 events.append(f"{self.users[u].name}: {state}: {reason}")
-            self._states[u] = state
+            self.memory.states[u] = state
         return events
 
     def _rejected(self) -> Array:
         """(k,) the share of each user's latest ranges that are taken for late or worse."""
         assert self.solution is not None
         samples, honest = self.solution.graph.samples, self.solution.told.honest
-        late = samples.t > self.now - self.model.recent
+        late = samples.t > self.memory.now - self.model.recent
         out = np.zeros(len(self.users))
         for u in range(len(self.users)):
             mine = late & ((samples.i == u) | (samples.j == u))
@@ -388,18 +370,15 @@ class Estimator:
         solution = self.solution
         assert solution is not None
         best = solution.minima[0]
-        unknown = {u for u in best.graph.placed if u not in self._known}
+        unknown = {u for u in best.graph.placed if u not in self.memory.known}
         carried = carry(best.graph, best.walks, best.judgement).without(unknown)
-        reference = _moved(solution.common, best.frames)[self._gauge]
-        scale = solution.scale(self._gauge)
-        reference[2] -= scale * best.graph.keyframes[self._gauge].place[-1, 2]
-        begin = np.where(np.isnan(stretch.end), self._begin.begin, stretch.end)
-        self._checkpoints.append(Checkpoint(self.now, begin, solution.axes, carried, reference))
-        oldest = max(self._begin.t, self.now - self.model.first_stretch - self.model.window)
-        reachable = [c for c in self._checkpoints if c.t >= oldest] or [self._begin]
-        self._checkpoints = reachable if reachable[0] is self._begin else [self._begin, *reachable]
-        if np.isfinite(self._begin.t):
-            self.stream.forget(self._begin.begin, self._begin.t - 1.0)
+        reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
+        scale = solution.scale(self.memory.gauge)
+        reference[2] -= scale * best.graph.keyframes[self.memory.gauge].place[-1, 2]
+        begin = np.where(np.isnan(stretch.end), self.memory.begin.begin, stretch.end)
+        self.memory.checkpoints.append(Checkpoint(self.memory.now, begin, solution.axes, carried, reference))
+        if np.isfinite(self.memory.begin.t):
+            self.stream.forget(self.memory.begin.begin, self.memory.begin.t - 1.0)
 
     # What is told
 
@@ -412,7 +391,8 @@ class Estimator:
         scale = np.array([solution.scale(u) for u in range(k)])
         turned = yaw_of_quaternions(solution.axes)
         frames = [
-            about_own(_moved(solution.common, p.frames), turned, scale, solution.stretch.last) for p in told.placements
+            about_own(moved_frames(solution.common, p.frames), turned, scale, solution.stretch.last)
+            for p in told.placements
         ]
         errors = errors_about_own(frames[0], scale, solution.stretch.last)
         turn = np.eye(6)
@@ -422,9 +402,9 @@ class Estimator:
         device[:, SCALE], sigma[:, SCALE] = scale, sigma[:, SCALE] * scale
         said: list[Verdict | None] = list(told.said)
         for u, verdict in enumerate(said):
-            if verdict is not None and u in self._states:
-                said[u] = verdict._replace(state=self._states[u])
-            if verdict is not None and u == self._gauge != self._reference:
+            if verdict is not None and u in self.memory.states:
+                said[u] = verdict._replace(state=self.memory.states[u])
+            if verdict is not None and u == self.memory.gauge != self.memory.reference:
                 said[u] = verdict._replace(reason="the others are placed beside it")
         return Outcome(
             searched=perf_counter(),
@@ -494,11 +474,3 @@ def _turned(covariances: Array, yaw: float) -> Array:
     turn = np.eye(4)
     turn[:2, :2] = rotation_2d(yaw)
     return np.asarray(turn @ covariances @ turn.T)
-
-
-def _moved(common: Array, frames: Array) -> Array:
-    """Frames (k, 4) x, y, z, yaw that are told in a frame which lies at `common` (4,)."""
-    out = frames.copy()
-    out[:, :3] = apply_frames(np.broadcast_to(common, out.shape), frames[:, :3])
-    out[:, 3] = wrap_angle(frames[:, 3] + common[3])
-    return out

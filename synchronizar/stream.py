@@ -55,6 +55,14 @@ class Rows:
             self._in_order = False
         self._count += 1
 
+    def restore(self, table: Array) -> None:
+        """Just these rows. ValueError where they have other columns."""
+        if table.ndim != 2 or table.shape[1] != self._table.shape[1] or table.dtype != self._table.dtype:
+            raise ValueError(f"a table of {self._table.shape[1]} columns is needed")
+        self._table, self._count, self._in_order = table.copy(), len(table), False
+        if not len(table):
+            self._table = np.empty((_FIRST_ROWS, table.shape[1]))
+
     def sorted(self) -> Array:
         """(n, columns) by time; of rows with the same time the first that came stands first."""
         table = self._table[: self._count]
@@ -81,7 +89,8 @@ class Stream:
         self._index = {user.name: u for u, user in enumerate(users)}
         self._poses = [Rows(8) for _ in users]
         self._ranges = Rows(len(_RANGE) + 1)
-        self._added = 0
+        self.added = 0
+        """How many ranges were ever told."""
         self.faults = 0
         """How many poses and ranges were no numbers, or of nobody: they are left out."""
 
@@ -99,12 +108,12 @@ class Stream:
     def add_range(self, t: float, a: str, b: str, distance: float, optional: Mapping[str, float]) -> None:
         """A measured distance (m) by the ranges' clock (s)."""
         first, other = self._index.get(a), self._index.get(b)
-        self._added += 1
+        self.added += 1
         if first is None or other is None or first == other or not np.isfinite([t, distance]).all():
             self.faults += 1
             return
         known = {"antenna_a": -1.0, "antenna_b": -1.0, **optional, "t": t, "a": first, "b": other, "distance": distance}
-        self._ranges.add([*(known.get(name, np.nan) for name in _RANGE), self._added - 1])
+        self._ranges.add([*(known.get(name, np.nan) for name in _RANGE), self.added - 1])
 
     def ranges_since(self, t: float) -> Array:
         """(n, 3) stamps and the two users of ranges that are later, by time."""
@@ -157,3 +166,17 @@ class Stream:
             if np.isfinite(t):
                 rows.forget(t)
         self._ranges.forget(ranges_before)
+
+    def pose_tables(self) -> list[Array]:
+        """Of each user (n, 8) t x y z qx qy qz qw."""
+        return [rows.sorted().copy() for rows in self._poses]
+
+    def range_table(self) -> Array:
+        """(n, 11): the columns of `Ranges`, and the serial number."""
+        return self._ranges.sorted().copy()
+
+    def restore(self, poses: list[Array], ranges: Array, added: int, faults: int) -> None:
+        """What the tables of another stream held. ValueError where they have another shape."""
+        for rows, table in [*zip(self._poses, poses, strict=True), (self._ranges, ranges)]:
+            rows.restore(table)
+        self.added, self.faults = added, faults
