@@ -13,13 +13,13 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.model import Model
 from synchronizar.placement import Placement
-from synchronizar.verdict import progress
+from synchronizar.verdict import nearness
 
 _DIRECTIONS = 16
 _LENGTHS = (1.0, 2.0, 3.0)  # m
 _SPACING = 0.5  # m: ranges closer than this share their reflections
 _ENOUGH = 0.8  # of what the longest walk would gain
-_LEAST_GAIN = 0.01  # of progress: less is not worth a walk
+_LEAST_GAIN = 0.01  # of nearness: less is not worth a walk
 _WALKING = 0.2  # m/s
 
 
@@ -51,13 +51,13 @@ def cue_of(
     that was told `before` is told again while it is nearly as good.
     """
     phi = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
-    now = progress(best, user, False, corners, model)
+    now = nearness(best, user, False, corners, model)
     gain = np.array([[_after(best, user, here, others, a, n, corners, model) - now for n in _LENGTHS] for a in phi])
     way = int(np.argmax(gain[:, -1]))
     if before is not None:
         same = int(np.argmin(np.abs(_degrees(np.asarray(phi - before.direction, dtype=float)))))
         way = same if gain[same, -1] >= _ENOUGH * gain[way, -1] else way
-    if not len(others) or gain[way, -1] < _LEAST_GAIN:
+    if not len(others) or now >= 1.0 or gain[way, -1] < _LEAST_GAIN:
         return None
     length = _LENGTHS[int(np.argmax(gain[way] >= _ENOUGH * gain[way, -1]))]
     direction = float(phi[way])
@@ -67,7 +67,7 @@ def cue_of(
 def _after(
     best: Placement, user: int, here: Array, others: Array, phi: float, length: float, corners: Array, model: Model
 ) -> float:
-    """The progress after a straight walk."""
+    """How near to being registered the user is after a straight walk."""
     steps = np.arange(_SPACING, length + 0.5 * _SPACING, _SPACING)
     away = steps[:, None] * np.array([np.cos(phi), np.sin(phi), 0.0])
     lines = (here + away)[:, None] - others[None]
@@ -82,7 +82,7 @@ def _after(
     innovation = rows @ gain + (model.range_sigma**2 + model.multipath_sigma**2) * np.eye(len(rows))
     covariances = best.covariances.copy()
     covariances[user] = covariance - gain @ np.linalg.solve(innovation, gain.T)
-    return progress(best._replace(covariances=covariances), user, False, corners, model)
+    return nearness(best._replace(covariances=covariances), user, False, corners, model)
 
 
 def _towards(direction: float, here: Array, others: Array, velocity: Array, names: list[str]) -> str:

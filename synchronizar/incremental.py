@@ -114,6 +114,7 @@ class Estimator:
         self.users, self.stream, self.memory, self.model = stream.users, stream, memory, model
         self.solution: Solution | None = None
         self._cues: dict[int, Cue] = {}
+        self._untold: list[str] = []
 
     def save(self, path: str | Path) -> None:
         """Write all that it knows to a file. Raises InputError where that cannot be."""
@@ -125,7 +126,7 @@ class Estimator:
         out = cls.__new__(cls)
         out._begin_with(*load(path), model or Model())
         if np.isfinite(out.memory.solved):
-            out._solve()
+            out._untold = out._solve()
         return out
 
     def add_pose(self, user: str, t: float, position: Array, quat_xyzw: Array) -> None:
@@ -134,21 +135,17 @@ class Estimator:
 
     def add_range(self, t: float, a: str, b: str, distance: float, **optional: float) -> None:
         """A distance (m) by the ranges' clock (s); `optional` are further columns of `Ranges`."""
-        self.stream.add_range(t, a, b, distance, optional)
+        for user in self.stream.add_range(t, a, b, distance, optional):
+            self.memory.since.setdefault(user, t)
 
     def advance(self, t: float) -> list[str]:
         """It is `t` (s, range clock): solve if that is due. Returns what has happened, a sentence each."""
         self.memory.now = max(self.memory.now, t)
-        fresh = self.stream.ranges_since(self.memory.last_range)
-        for stamp, *ends in fresh.tolist():
-            for end in ends:
-                self.memory.since.setdefault(int(end), stamp)
-        if len(fresh):
-            self.memory.last_range = float(fresh[-1, 0])
-        if self.memory.last_range <= self.memory.solved or self.memory.now < self._due():
-            return []
-        self.memory.solved = self.memory.now
-        return self._solve()
+        events, self._untold = self._untold, []
+        if self.stream.added == self.memory.seen or self.memory.now < self._due():
+            return events
+        self.memory.seen, self.memory.solved = self.stream.added, self.memory.now
+        return events + self._solve()
 
     def state(self, user: int) -> State:
         """Of a user at this moment."""
@@ -371,10 +368,9 @@ class Estimator:
         assert solution is not None
         best = solution.minima[0]
         unknown = {u for u in best.graph.placed if u not in self.memory.known}
-        carried = carry(best.graph, best.walks, best.judgement).without(unknown)
+        carried = carry(best.graph, best.walks, best.judgement, stretch.last[:, 2]).without(unknown)
         reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
-        scale = solution.scale(self.memory.gauge)
-        reference[2] -= scale * best.graph.keyframes[self.memory.gauge].place[-1, 2]
+        reference[2] -= solution.scale(self.memory.gauge) * stretch.last[self.memory.gauge, 2]
         begin = np.where(np.isnan(stretch.end), self.memory.begin.begin, stretch.end)
         self.memory.checkpoints.append(Checkpoint(self.memory.now, begin, solution.axes, carried, reference))
         if np.isfinite(self.memory.begin.t):

@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from synchronizar.stream import Stream
 from synchronizar.user import User
 
 _FORMAT = 1
-_MALFORMED = (ValueError, KeyError, TypeError, AttributeError, EOFError, OSError)
+_MALFORMED = (ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile)
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,8 @@ class Memory:
     now: float = -np.inf
     solved: float = -np.inf
     """s: when it was solved last."""
-    last_range: float = -np.inf
-    """s, of the ranges that were looked at."""
+    seen: int = 0
+    """How many ranges had come then."""
 
     @property
     def begin(self) -> Checkpoint:
@@ -115,7 +116,7 @@ def save(path: str | Path, stream: Stream, memory: Memory) -> None:
         np.savez(out, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
 
 
-_NUMBERS = ("reference", "gauge", "worth", "now", "solved", "last_range")
+_NUMBERS = ("reference", "gauge", "worth", "now", "solved", "seen")
 
 
 def load(path: str | Path) -> tuple[Stream, Memory]:
@@ -126,8 +127,6 @@ def load(path: str | Path) -> tuple[Stream, Memory]:
             with np.load(file, allow_pickle=False) as arrays:
                 return _read({name: arrays[name] for name in arrays.files})
         except _MALFORMED as error:
-            if isinstance(error, OSError) and not isinstance(error, ValueError) and not file.exists():
-                raise
             raise InputError(file, "is no saved state") from error
 
 

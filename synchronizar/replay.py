@@ -84,7 +84,7 @@ def replay(
             if told is not None:
                 told(updates[-1])
 
-    for t, user, row in _in_time(recording):
+    for t, user, row in in_time(recording):
         if tick is not None and t >= (tick + 1) * INTERVAL_S:
             tell()
             tick = None
@@ -165,7 +165,7 @@ class _Known:
         return replace(told, users=users)
 
 
-def _in_time(recording: Recording) -> Iterator[tuple[float, int, int]]:
+def in_time(recording: Recording) -> Iterator[tuple[float, int, int]]:
     """When, whose pose (-1: a range), and which row; of the same time poses first."""
     whose = [np.full(len(recording.ranges), -1)]
     t, row = [recording.ranges.t], [np.arange(len(recording.ranges))]

@@ -97,23 +97,42 @@ class Stream:
     def add_pose(self, user: str, t: float, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
         """A device's own pose by its own clock (s, m); an attitude need not be of unit length."""
         row = np.array([t, *position, *quat_xyzw], dtype=float)
-        length = float(np.linalg.norm(row[4:]))
+        with np.errstate(over="ignore"):
+            length = float(np.linalg.norm(row[4:]))
         u = self._index.get(user)
-        if u is None or self.users[u].static or row.shape != (8,) or not np.isfinite(row).all() or length == 0.0:
+        if (
+            u is None
+            or self.users[u].static
+            or row.shape != (8,)
+            or not np.isfinite(row).all()
+            or not 0.0 < length < np.inf
+        ):
             self.faults += 1
             return
         row[4:] /= length
         self._poses[u].add(row.tolist())
 
-    def add_range(self, t: float, a: str, b: str, distance: float, optional: Mapping[str, float]) -> None:
-        """A measured distance (m) by the ranges' clock (s)."""
-        first, other = self._index.get(a), self._index.get(b)
+    def add_range(self, t: float, a: str, b: str, distance: float, optional: Mapping[str, float]) -> tuple[int, ...]:
+        """A measured distance (m) by the ranges' clock (s); whose it is, or nobody's where it cannot be used."""
         self.added += 1
-        if first is None or other is None or first == other or not np.isfinite([t, distance]).all():
+        first, other = self._index.get(a), self._index.get(b)
+        known = {"antenna_a": -1, "antenna_b": -1, **optional}
+        if first is None or other is None or first == other or not self._sound(t, distance, (first, other), known):
             self.faults += 1
-            return
-        known = {"antenna_a": -1.0, "antenna_b": -1.0, **optional, "t": t, "a": first, "b": other, "distance": distance}
+            return ()
+        known |= {"t": t, "a": first, "b": other, "distance": distance}
         self._ranges.add([*(known.get(name, np.nan) for name in _RANGE), self.added - 1])
+        return first, other
+
+    def _sound(self, t: float, distance: float, ends: tuple[int, int], known: Mapping[str, float]) -> bool:
+        """Whether `Ranges` takes such numbers, and the users have such antennas."""
+        antennas = zip(ends, (known["antenna_a"], known["antenna_b"]), strict=True)
+        sigma = known.get("sigma", np.nan)
+        return (
+            bool(np.isfinite([t, distance]).all())
+            and all(-1 <= antenna < len(self.users[u].antennas) for u, antenna in antennas)
+            and (np.isnan(sigma) or 0.0 < sigma < np.inf)
+        )
 
     def ranges_since(self, t: float) -> Array:
         """(n, 3) stamps and the two users of ranges that are later, by time."""

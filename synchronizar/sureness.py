@@ -42,12 +42,14 @@ def sureness(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Surene
     return Sureness(poses, relative, devices)
 
 
-def carry(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Carried:
-    """What is known of everybody beside the reference's last keyframe, for a graph that begins at the last ones."""
+def carry(graph: AnchoredGraph, walks: Walks, judgement: Judgement, own_height: Array) -> Carried:
+    """What is known of everybody beside the reference's last keyframe, for a graph that begins at the last ones.
+
+    `own_height` (k,) m: how high SLAM itself has each last keyframe, its jumps not mended.
+    """
     errors, of_devices = _errors(graph, walks, judgement)
     now, reference = graph.last_poses(walks), graph.reference
-    # How far each last keyframe lies above its own origin.
-    above = np.array([np.exp(walks.device[u, SCALE]) * graph.keyframes[u].place[-1, 2] for u in range(len(now))])
+    above = np.exp(walks.device[:, SCALE]) * own_height
     to_reference = rotation_2d(-float(now[reference, 3]))
     rows = []
     for u in graph.free:

@@ -23,7 +23,7 @@ from synchronizar.settled import Settled
 from synchronizar.slips import slips
 from synchronizar.sureness import sureness
 from synchronizar.track import Track
-from synchronizar.verdict import Verdict, progress, verdicts
+from synchronizar.verdict import Verdict, nearness, verdicts
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, common_track
 
 
@@ -73,7 +73,7 @@ def tell(minima: list[Settled], smooth: Recording, model: Model, registered: Col
     near = np.full(len(graph.users), np.nan)
     near[graph.reference] = 1.0
     for u in graph.free:
-        near[u] = progress(told[0], u, graph.users[u].static, corners[u], model)
+        near[u] = min(1.0, nearness(told[0], u, graph.users[u].static, corners[u], model))
     weight = weight * best.judgement.worth / graph.sigma**2
     return Told(said, told, covariances, honest, weight, corners, near, np.sqrt(devices))
 

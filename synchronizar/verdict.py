@@ -76,8 +76,8 @@ def verdicts(
     return said
 
 
-def progress(best: Placement, user: int, static: bool, corners: Array, model: Model) -> float:
-    """0 .. 1: by how much every sigma is still too large for the user to be registered; 1 where none is."""
+def nearness(best: Placement, user: int, static: bool, corners: Array, model: Model) -> float:
+    """How many times its sigmas could grow before a user were not registered; below 1 it is not."""
     normal = NormalDist()
     in_plane = model.largest_error / np.sqrt(-2.0 * np.log(model.wrong_share))
     in_line = normal.inv_cdf(1.0 - 0.5 * model.wrong_share)
@@ -87,7 +87,7 @@ def progress(best: Placement, user: int, static: bool, corners: Array, model: Mo
     ratios = [in_plane / max(level, _LEAST), model.largest_error / in_line / max(height, _LEAST)]
     if not static:
         ratios.append(model.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
-    return float(min(1.0, *ratios))
+    return float(min(ratios))
 
 
 def _state(

@@ -40,16 +40,17 @@ FLOORS = (
     {"rigid", "spans", "told", "cues"},
     {"full"},
     {"pipeline", "stream"},
+    {"memory"},
     {"incremental"},
     {"replay"},
     {"__init__"},
     {"report", "evaluate"},
     {"plots.answer"},
-    {"plots.drift", "plots.uncertainty"},
+    {"plots.drift", "plots.uncertainty", "plots.updates"},
     {"plots.style"},
     {"plots.walks", "plots.residuals", "plots.corrections", "plots.estimates", "plots.jump_list"},
     {"plots.pairs"},
-    {"plots.picture", "plots.devices"},
+    {"plots.picture", "plots.devices", "plots.timeline"},
     {"plots.files"},
     {"plots"},
     {"cli"},
@@ -60,7 +61,7 @@ FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 ALONE_WITH = {
     "matplotlib": {
         *("plots.walks", "plots.residuals", "plots.corrections", "plots.estimates", "plots.jump_list", "plots.pairs"),
-        *("plots.picture", "plots.devices", "plots.files"),
+        *("plots.picture", "plots.devices", "plots.timeline", "plots.files"),
     },
     "gtsam": {"factors", "graph", "batch", "optimize", "keys", "carried", "anchored", "step_noise"},
 }

@@ -11,27 +11,44 @@ from synchronizar.formats.text import os_faults
 from synchronizar.plots.answer import read_answer
 from synchronizar.plots.devices import draw_devices
 from synchronizar.plots.picture import draw
+from synchronizar.plots.timeline import draw_timeline
+from synchronizar.plots.updates import read_history
 from synchronizar.recording import Recording
 
 DPI = 110
+UPDATES = "updates.jsonl"
+"""What a replay writes and `register` does not."""
+PICTURE, DEVICES, REPLAY = PAGES = "picture.png", "devices.png", "replay.png"
 
 
 def plot(recording: Recording, folder: str | Path, name: str) -> Path:
-    """Draw what `register --out` wrote into a folder about the recording of that name: `picture.png` in that folder.
+    """Draw what `register --out` or `replay --out` wrote into a folder about the recording of that name.
 
-    Where the answer corrects SLAM, `devices.png` beside it tells what is wrong with which device; else an earlier one
-    is removed. Returns the path of the first. Raises InputError where there is no answer in the folder, it is about
-    another recording, or nothing can be written.
+    Of what `register` wrote: `picture.png` in that folder and, where the answer corrects SLAM, `devices.png` beside it,
+    which tells what is wrong with which device. Of a replay: `replay.png`, which tells what was known when. Pages of an
+    earlier answer that are not drawn again are removed. Returns the path of the first page. Raises InputError where
+    there is no answer in the folder, it is about another recording, or nothing can be written.
     """
-    answer = read_answer(Path(folder), recording)
-    picture, devices = Path(folder) / "picture.png", Path(folder) / "devices.png"
-    _save(draw(answer, f"{name}: where its {len(answer.names)} devices were, from the distances between them"), picture)
+    pages = _pages(recording, Path(folder), name)
+    for page in PAGES:
+        if page in pages:
+            _save(pages[page], Path(folder) / page)
+        else:
+            with os_faults(Path(folder) / page):
+                (Path(folder) / page).unlink(missing_ok=True)
+    return Path(folder) / next(iter(pages))
+
+
+def _pages(recording: Recording, folder: Path, name: str) -> dict[str, Figure]:
+    devices = f"{len(recording.users)} devices"
+    if (folder / UPDATES).exists():
+        history = read_history(folder / UPDATES, recording)
+        return {REPLAY: draw_timeline(history, f"{name}: what was known of its {devices} while they moved")}
+    answer = read_answer(folder, recording)
+    pages = {PICTURE: draw(answer, f"{name}: where its {devices} were, from the distances between them")}
     if answer.corrects_slam:
-        _save(draw_devices(answer, f"{name}: what is wrong with which of its {len(answer.names)} devices"), devices)
-    else:
-        with os_faults(devices):
-            devices.unlink(missing_ok=True)
-    return picture
+        pages[DEVICES] = draw_devices(answer, f"{name}: what is wrong with which of its {devices}")
+    return pages
 
 
 def _save(figure: Figure, file: Path) -> None:
