@@ -18,7 +18,7 @@ from synchronizar.recording import Recording
 DPI = 110
 UPDATES = "updates.jsonl"
 """What a replay writes and `register` does not."""
-PICTURE, DEVICES, REPLAY = PAGES = "picture.png", "devices.png", "replay.png"
+PICTURE, DEVICES, REPLAY = "picture.png", "devices.png", "replay.png"
 
 
 def plot(recording: Recording, folder: str | Path, name: str) -> Path:
@@ -30,7 +30,7 @@ def plot(recording: Recording, folder: str | Path, name: str) -> Path:
     there is no answer in the folder, it is about another recording, or nothing can be written.
     """
     pages = _pages(recording, Path(folder), name)
-    for page in PAGES:
+    for page in (PICTURE, DEVICES, REPLAY):
         if page in pages:
             _save(pages[page], Path(folder) / page)
         else:

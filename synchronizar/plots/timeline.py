@@ -19,7 +19,7 @@ WIDTH_IN = 12.0
 ROW_IN = 0.42
 PANEL_IN = 2.1
 LINE_IN = 0.17
-MARGIN_IN = 1.3
+MARGIN_IN = 1.0
 FEWEST_ROWS, MOST_USERS = 2, 40
 MOST_EVENTS = 24
 LONGEST_EVENT = 84
@@ -84,7 +84,7 @@ def _draw_states(ax: Axes, history: History, of_user: dict[str, Style]) -> None:
         lower, upper = row + BAR / 2.0, row - BAR / 2.0  # the first user is on top
         progress = lower - BAR * user.progress
         ax.plot(history.t, progress, drawstyle="steps-post", color="black", linewidth=1.2, path_effects=HALO)
-        events = [t for t, event in history.events if event.split(": ")[0] == name]
+        events = [t for t, event in history.events if event.startswith(f"{name}: ")]
         ax.plot(events, np.full(len(events), upper), "v", color="black", markersize=5, zorder=4)
         cues = _new_cues(history.t, user.cues)
         ax.plot(cues, np.full(len(cues), lower), "|", color="black", markersize=6, zorder=4)
