@@ -89,6 +89,15 @@ class Solution:
         return moved_frames(self.common, self.told.placements[0].frames)
 
     @cached_property
+    def covariances(self) -> Array:
+        """(k, 6, 6) as `Told.covariances`, in the common frame as it was laid at the reference's first pose."""
+        turn = np.eye(6)
+        turn[:2, :2] = rotation_2d(float(self.common[3]))
+        out = turn @ self.told.covariances @ turn.T
+        out[:, :4, :4] += self.checkpoint.spread_at(self.placed)
+        return np.asarray(out)
+
+    @cached_property
     def _turn(self) -> Array:
         """(k, 4) quaternions: SLAM's axes into the common frame's."""
         yaw = 0.5 * self.placed[:, 3]
@@ -371,8 +380,9 @@ class Estimator:
         carried = carry(best.graph, best.walks, best.judgement, stretch.last[:, 2]).without(unknown)
         reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
         reference[2] -= solution.scale(self.memory.gauge) * stretch.last[self.memory.gauge, 2]
+        spread = solution.covariances[self.memory.gauge, :4, :4]
         begin = np.where(np.isnan(stretch.end), self.memory.begin.begin, stretch.end)
-        self.memory.checkpoints.append(Checkpoint(self.memory.now, begin, solution.axes, carried, reference))
+        self.memory.checkpoints.append(Checkpoint(self.memory.now, begin, solution.axes, carried, reference, spread))
         if np.isfinite(self.memory.begin.t):
             self.stream.forget(self.memory.begin.begin, self.memory.begin.t - 1.0)
 
@@ -391,9 +401,6 @@ class Estimator:
             for p in told.placements
         ]
         errors = errors_about_own(frames[0], scale, solution.stretch.last)
-        turn = np.eye(6)
-        turn[:2, :2] = rotation_2d(float(solution.common[3]))
-        errors = errors @ turn
         device, sigma = walks.device.copy(), told.device_sigma.copy()
         device[:, SCALE], sigma[:, SCALE] = scale, sigma[:, SCALE] * scale
         said: list[Verdict | None] = list(told.said)
@@ -407,7 +414,7 @@ class Estimator:
             said=said,
             costs=[p.cost for p in told.placements],
             frames=frames,
-            covariances=errors @ told.covariances @ errors.transpose(0, 2, 1),
+            covariances=errors @ solution.covariances @ errors.transpose(0, 2, 1),
             errors=errors[:, :, :4],
             scale=scale,
             samples=solution.graph.samples,

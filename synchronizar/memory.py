@@ -14,12 +14,13 @@ from synchronizar.arrays import Array
 from synchronizar.carried import Carried
 from synchronizar.errors import InputError
 from synchronizar.formats.text import os_faults
-from synchronizar.geometry import moved_frames
+from synchronizar.geometry import moved_frames, rotation_2d
 from synchronizar.registration import State
 from synchronizar.stream import Stream
 from synchronizar.user import User
 
 _FORMAT = 1
+_OF_CHECKPOINT = ("begin", "axes", "common", "spread")
 _MALFORMED = (ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile)
 
 
@@ -38,6 +39,15 @@ class Checkpoint:
     common: Array = field(default_factory=lambda: np.zeros(4))
     """(4,) x, y, z, yaw: where the anchor of the user lies in the common frame beside which others are carried."""
 
+    spread: Array = field(default_factory=lambda: np.zeros((4, 4)))
+    """(4, 4) covariance of `common`: the user it is has drifted since the common frame was laid at its first pose."""
+
+    def spread_at(self, place: Array) -> Array:
+        """(k, 4, 4): what that makes the covariances of x, y, z, yaw of frames `place` (k, 4) in the common frame."""
+        moves = np.tile(np.eye(4), (len(place), 1, 1))
+        moves[:, 0, 3], moves[:, 1, 3] = self.common[1] - place[:, 1], place[:, 0] - self.common[0]
+        return np.asarray(moves @ self.spread @ moves.transpose(0, 2, 1))
+
     def has(self, user: int) -> bool:
         """Whether a user is carried."""
         return self.carried is not None and user in self.carried.users
@@ -45,8 +55,12 @@ class Checkpoint:
     def beside(self, user: int) -> Checkpoint:
         """The same, told beside another user that is carried."""
         assert self.carried is not None
-        common = moved_frames(self.common, self.carried.frames)[user]
-        return replace(self, carried=self.carried.beside(user), common=common)
+        common = moved_frames(self.common, self.carried.frames)[[user]]
+        at = 4 * self.carried.free.index(user) + np.array([0, 1, 3, 2])
+        turn = np.eye(4)
+        turn[:2, :2] = rotation_2d(float(self.common[3]))
+        spread = self.spread_at(common)[0] + turn @ self.carried.covariance[np.ix_(at, at)] @ turn.T
+        return replace(self, carried=self.carried.beside(user), common=common[0], spread=spread)
 
 
 @dataclass
@@ -94,7 +108,7 @@ def save(path: str | Path, stream: Stream, memory: Memory) -> None:
     arrays["ranges"] = stream.range_table()
     said = []
     for n, checkpoint in enumerate(memory.checkpoints):
-        arrays |= {f"{name} {n}": getattr(checkpoint, name) for name in ("begin", "axes", "common")}
+        arrays |= {f"{name} {n}": getattr(checkpoint, name) for name in _OF_CHECKPOINT}
         carried = checkpoint.carried
         if carried is not None:
             arrays |= {f"{name} {n}": getattr(carried, name) for name in ("frames", "device", "covariance")}
@@ -143,11 +157,11 @@ def _read(arrays: dict[str, Any]) -> tuple[Stream, Memory]:
     stream.restore([arrays[f"poses {n}"] for n in range(len(users))], arrays["ranges"], added, faults)
     checkpoints = []
     for n, (t, told) in enumerate(header["checkpoints"]):
-        begin, axes, common = (arrays[f"{name} {n}"] for name in ("begin", "axes", "common"))
+        begin, axes, common, spread = (arrays[f"{name} {n}"] for name in _OF_CHECKPOINT)
         carried = None
         if told is not None:
             carried = Carried(told[0], told[1], *(arrays[f"{name} {n}"] for name in ("frames", "device", "covariance")))
-        checkpoints.append(Checkpoint(t, begin, axes, carried, common))
+        checkpoints.append(Checkpoint(t, begin, axes, carried, common, spread))
     return stream, Memory(
         checkpoints=checkpoints,
         known=set(header["known"]),

@@ -19,7 +19,8 @@ from synchronizar.recording import Recording
 from synchronizar.registration import RangeVerdicts, Registration, State
 from synchronizar.track import Track
 
-INTERVAL_S = 0.1
+A_SECOND = 10
+"""Updates, at most."""
 _OPTIONAL = tuple(f.name for f in fields(Ranges) if f.name not in ("t", "a", "b", "distance"))
 
 
@@ -80,12 +81,12 @@ def replay(
 
     def tell() -> None:
         if tick is not None:
-            updates.append(known.update((tick + 1) * INTERVAL_S))
+            updates.append(known.update((tick + 1) / A_SECOND))
             if told is not None:
                 told(updates[-1])
 
     for t, user, row in in_time(recording):
-        if tick is not None and t >= (tick + 1) * INTERVAL_S:
+        if tick is not None and t >= (tick + 1) / A_SECOND:
             tell()
             tick = None
         if user < 0:
@@ -93,7 +94,7 @@ def replay(
             a, b = names[columns["a"][row]], names[columns["b"][row]]
             estimator.add_range(t, a, b, columns["distance"][row], **optional)
             known.rows.append(row)
-            tick = int(np.floor(t / INTERVAL_S))
+            tick = int(np.floor(t * A_SECOND))
             continue
         track = recording.tracks[names[user]]
         position, quat = track.position[row], track.quat_xyzw[row]
@@ -143,7 +144,10 @@ class _Known:
         """The verdicts of a new solution."""
         solution, outcome = self.estimator.solution, self.estimator.outcome()
         assert solution is not None
-        self._covariances = list(outcome.covariances)
+        told = outcome.covariances.copy()
+        static = [u.static for u in self.recording.users]
+        told[static, 3, :] = told[static, :, 3] = np.nan
+        self._covariances = list(told)
         at = np.array(self.rows)[solution.stretch.serial[outcome.samples.row]]
         self._usable[at], self._used[at] = True, outcome.honest > 0.5
         self._weight[at], self._residual[at] = outcome.weight, outcome.residual

@@ -59,6 +59,8 @@ def write(registration: Registration, recording: Recording, out_dir: str | Path)
         else:
             with os_faults(file):
                 file.unlink(missing_ok=True)
+    with os_faults(folder / "updates.jsonl"):
+        (folder / "updates.jsonl").unlink(missing_ok=True)
     _write_ranges(folder / "ranges.csv", registration.ranges, recording)
     file = folder / "registration.json"
     with os_faults(file):
@@ -72,8 +74,12 @@ def write_replay(replayed: Replay, recording: Recording, out_dir: str | Path) ->
     """
     write(replayed.registration, recording, out_dir)
     folder = Path(out_dir)
-    for name in recording.tracks:
-        if name not in replayed.tracks:
+    last = replayed.registration.users
+    ever = {
+        name for update in replayed.updates for name, user in update.users.items() if user.state is State.REGISTERED
+    }
+    for name in last:
+        if name not in replayed.tracks and not (last[name].static and name in ever):
             with os_faults(folder / f"{name}.tum"):
                 (folder / f"{name}.tum").unlink(missing_ok=True)
     file, reference = folder / "updates.jsonl", replayed.registration.reference

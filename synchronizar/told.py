@@ -74,6 +74,9 @@ def tell(minima: list[Settled], smooth: Recording, model: Model, registered: Col
     near[graph.reference] = 1.0
     for u in graph.free:
         near[u] = min(1.0, nearness(told[0], u, graph.users[u].static, corners[u], model))
+    if len(told) > 1:  # as far as the next best joint placement is excluded
+        near *= min(1.0, max(told[1].cost - told[0].cost, 0.0) / model.cost_excluded_late)
+        near[graph.reference] = 1.0
     weight = weight * best.judgement.worth / graph.sigma**2
     return Told(said, told, covariances, honest, weight, corners, near, np.sqrt(devices))
 
