@@ -9,7 +9,8 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from itertools import pairwise
 from math import degrees
@@ -114,33 +115,52 @@ def _register(options: argparse.Namespace) -> None:
     recording, registration = _solved(options)
     if options.out is not None:
         report.write(registration, recording, options.out)
-    if options.json:
-        _print(json.dumps(report.registration_json(registration), allow_nan=False))
-    else:
-        _print(report.table(registration))
+    _tell(registration, options.json)
 
 
 def _replay(options: argparse.Namespace) -> None:
     from synchronizar import report
-    from synchronizar.recording import Recording
 
     if options.out is not None:
         _refuse_recordings(options.out)
-    _progress(f"loading {options.recording} ...")
-    began = perf_counter()
-    recording = Recording.load(options.recording)
-    loaded = perf_counter() - began
+    recording, loaded = _loaded(options.recording)
     from synchronizar.replay import replay
 
-    replayed = replay(recording, options.reference, told=_live_view() if sys.stderr.isatty() else None)
+    with _solvable(options.recording):
+        replayed = replay(recording, options.reference, told=_live_view() if sys.stderr.isatty() else None)
     registration = replace(replayed.registration, seconds={**replayed.registration.seconds, "load": loaded})
-    replayed = replayed._replace(registration=registration)
     if options.out is not None:
-        report.write_replay(replayed, recording, options.out)
-    if options.json:
-        _print(json.dumps(report.registration_json(registration), allow_nan=False))
-    else:
-        _print(report.table(registration))
+        report.write_replay(replayed._replace(registration=registration), recording, options.out)
+    _tell(registration, options.json)
+
+
+def _tell(registration: Registration, as_json: bool) -> None:
+    from synchronizar import report
+
+    _print(
+        json.dumps(report.registration_json(registration), allow_nan=False) if as_json else report.table(registration)
+    )
+
+
+def _loaded(folder: Path) -> tuple[Recording, float]:
+    """A recording, and how many seconds that took."""
+    from synchronizar.recording import Recording
+
+    _progress(f"loading {folder} ...")
+    began = perf_counter()
+    recording = Recording.load(folder)
+    return recording, perf_counter() - began
+
+
+@contextmanager
+def _solvable(recording: Path) -> Iterator[None]:
+    """What gtsam throws where a system cannot be solved becomes an InputError that names the recording."""
+    try:
+        yield
+    except RuntimeError as error:
+        if type(error) is not RuntimeError:
+            raise
+        raise InputError(recording, f"cannot be solved: {error}") from error
 
 
 def _live_view() -> Callable[[Update], None]:
@@ -181,22 +201,12 @@ def _is_recording(folder: Path) -> bool:
 
 
 def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
-    from synchronizar.recording import Recording
-
-    _progress(f"loading {options.recording} ...")
-    began = perf_counter()
-    recording = Recording.load(options.recording)
-    loaded = perf_counter() - began
+    recording, loaded = _loaded(options.recording)
     _progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
     from synchronizar.pipeline import register
 
-    try:
+    with _solvable(options.recording):
         registration = register(recording, reference=options.reference, kind=options.model)
-    except RuntimeError as error:
-        if type(error) is not RuntimeError:
-            raise
-        # What gtsam throws where a system cannot be solved.
-        raise InputError(options.recording, f"cannot be solved: {error}") from error
     return recording, replace(registration, seconds={**registration.seconds, "load": loaded})
 
 

@@ -40,7 +40,7 @@ from synchronizar.recording import Recording
 from synchronizar.registration import State
 from synchronizar.samples import Samples, samples_of
 from synchronizar.settled import Settled, compare, measured, settle_all
-from synchronizar.spans import coarse_interval
+from synchronizar.spans import coarse_interval, ties
 from synchronizar.stream import Stream, Stretch
 from synchronizar.sureness import carry
 from synchronizar.told import Told, about_own, errors_about_own, tell
@@ -296,18 +296,21 @@ class Estimator:
         carried: Carried | None,
     ) -> tuple[list[Settled], Array]:
         """The minima of the window, best first, and how noisy each SLAM is taken to be."""
-        m, last = self.model, self.solution
-        noise = self.memory.noise
-        follow = last is not None and last.checkpoint is self.memory.begin and set(placed) <= self.memory.known
-        follow = follow and set(placed) <= set(last.graph.placed) if last is not None else False
-        if carried is None and not follow:
+        m, noise = self.model, self.memory.noise
+        # The last solution goes on where nobody in the window is new, and it begins where that one's began.
+        last = self.solution
+        if last is not None and (
+            last.checkpoint is not self.memory.begin or not set(placed) <= self.memory.known & set(last.graph.placed)
+        ):
+            last = None
+        if carried is None and last is None:
             minima, noise, _ = solve(smooth, mended, self.memory.gauge, m)
             return minima, noise
         interval = coarse_interval(samples, m) if float(np.ptp(samples.t)) > 2.0 * m.window else m.keyframe_interval
         keyframes = keyframes_of_all(smooth, mended, interval, m, noise)
         graph = AnchoredGraph(smooth, samples, keyframes, placed, self.memory.gauge, m, carried)
         worth = self.memory.worth
-        if follow and last is not None:
+        if last is not None:
             return [_followed(graph, last.walks, last.graph.keyframes, worth)], noise
         assert carried is not None
         begun = graph.begin(carried.frames, carried.device)
@@ -466,8 +469,8 @@ def _joined(graph: AnchoredGraph, begun: Walks, carried: Carried, model: Model) 
     coming = [u for u in graph.placed if u not in carried.users]
     while coming:
         there = ~np.isnan(alive[0].frames[:, 0])
-        ties = [int(((wide.i == u) & there[wide.j] | (wide.j == u) & there[wide.i]).sum()) for u in coming]
-        user = coming.pop(int(np.argmax(ties)))
+        user = max(coming, key=lambda u: ties(wide, u, np.flatnonzero(there).tolist()))
+        coming.remove(user)
         alive = extend(wide, alive, graph.users, user, model)
     return [begun._replace(frames=h.frames) for h in alive]
 

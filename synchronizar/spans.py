@@ -103,14 +103,14 @@ def _joined(graph: AnchoredGraph, before: Settled, known: list[int], model: Mode
         frames[known] = walks.frames[known]
         flat = graph.flattened(walks._replace(frames=frames))
         wide = replace(flat, sigma=np.hypot(flat.sigma, model.search_sigma))
-        user = max(coming, key=lambda u: _ties(flat, u, known))
+        user = max(coming, key=lambda u: ties(flat, u, known))
         grown = extend(wide, [Hypothesis(frames, 0.0)], graph.users, user, model)
         walks.frames[user] = grown[0].frames[user]
         known, coming = [*known, user], [u for u in coming if u != user]
     return walks
 
 
-def _ties(samples: Samples, user: int, known: list[int]) -> int:
+def ties(samples: Samples, user: int, known: list[int]) -> int:
     """How many ranges tie a user to those that are known."""
     there: Array = np.isin(samples.j, known) & (samples.i == user) | np.isin(samples.i, known) & (samples.j == user)
     return int(there.sum())

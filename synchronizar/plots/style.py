@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -34,10 +35,15 @@ class Style(NamedTuple):
 
 
 def styles(answer: Answer) -> dict[str, Style]:
-    """Those that walk differ by colour, and from the tenth on by dashes; static radios are all alike."""
+    """Of all users of an answer."""
+    return styles_of({name: user.static for name, user in answer.registration.users.items()})
+
+
+def styles_of(static: Mapping[str, bool]) -> dict[str, Style]:
+    """By who stands still: those are all alike; others differ by colour, and from the tenth on by dashes."""
     out, walkers = {}, 0
-    for name, user in answer.registration.users.items():
-        if user.static:
+    for name, stands in static.items():
+        if stands:
             out[name] = Style(STATIC, "-")
         else:
             out[name] = Style(PALETTE[walkers % len(PALETTE)], DASHES[walkers // len(PALETTE) % len(DASHES)])

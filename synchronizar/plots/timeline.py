@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from synchronizar.arrays import Array
-from synchronizar.plots.style import DASHES, PALETTE, STATIC, Style, short
+from synchronizar.plots.style import Style, short, styles_of
 from synchronizar.plots.updates import History, UserHistory
 from synchronizar.registration import State
 
@@ -44,7 +44,7 @@ def draw_timeline(history: History, title: str) -> Figure:
     events_in = LINE_IN * (2 + _event_rows(history))
     heights = (ROW_IN * _rows(history), PANEL_IN, PANEL_IN, events_in)
     figure = Figure(figsize=(WIDTH_IN, sum(heights) + MARGIN_IN), layout="constrained")
-    of_user = _styles(history)
+    of_user = styles_of({name: user.static for name, user in history.users.items()})
     with matplotlib.rc_context({"text.parse_math": False}):  # names may look like formulas
         rows = figure.add_gridspec(4, 1, height_ratios=heights)
         states = figure.add_subplot(rows[0])
@@ -58,15 +58,6 @@ def draw_timeline(history: History, title: str) -> Figure:
         _draw_events(figure.add_subplot(rows[3]), history)
         figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure
-
-
-def _styles(history: History) -> dict[str, Style]:
-    """As on the other pages."""
-    walkers = [name for name, user in history.users.items() if not user.static]
-    out = {name: Style(STATIC, "-") for name in history.users}
-    for n, name in enumerate(walkers):
-        out[name] = Style(PALETTE[n % len(PALETTE)], DASHES[n // len(PALETTE) % len(DASHES)])
-    return out
 
 
 def _rows(history: History) -> int:
