@@ -5,8 +5,10 @@ model: SLAM drifts by the model's figures at 1 m/s, scale, biases and clocks are
 part in quadrature), ranges have white noise. Of the users that are called registered, each `common_from_user`'s error
 squared in units of its covariance (in x, y, yaw, and with z), and each device's scale, bias and clock in units of its
 sigma, averaged over seeds: where covariances are right the average lies in the band that 95 % of averages of as many
-chi squares lie in (Wilson and Hilferty 1931). A last row per size averages its users, whose errors hang together
-through the reference; its band is that of one user, so it is too wide rather than too narrow.
+chi squares lie in (Wilson and Hilferty 1931). The row `all` of a size averages its users, whose errors hang together
+through the reference; its band is that of one user, so it is too wide rather than too narrow. The row `joint` takes the
+errors of a walk's registered users as one vector with one covariance, which says how they hang together: its squares
+are told per degree of freedom, 1 is right.
 
 Of real recordings nobody knows the true frame of a device whose SLAM drifts. It is made here from the truth of its last
 10 s: the reference's whole track is laid onto its truth as `evaluate` does, the user's last 10 s then tell by how much
@@ -30,7 +32,7 @@ from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.model import Model
 from synchronizar.pipeline import register
 from synchronizar.recording import Recording
-from synchronizar.registration import State, UserRegistration
+from synchronizar.registration import Registration, State, UserRegistration
 from synchronizar.scene import Scene
 from synchronizar.simulate import simulate
 from synchronizar.track import Track
@@ -57,6 +59,11 @@ class Squares(NamedTuple):
     user: str
     registered: bool
     squares: dict[str, float]
+    users: int = 1
+    """Whose errors it joins."""
+
+
+JOINT = "joint"
 
 
 def scene_of(task: Task) -> Scene:
@@ -80,8 +87,8 @@ def squares_of(task: Task) -> list[Squares]:
     simulation = simulate(scene_of(task))
     registration = register(simulation.recording)
     to_common = common_from_world(simulation, registration.reference)
-    out = []
-    for name, user in registration.users.items():
+    out, errors = [], {}
+    for n, (name, user) in enumerate(registration.users.items()):
         if name == registration.reference or user.common_from_user is None:
             continue
         world_from_user = simulation.world_from_user[name]
@@ -93,7 +100,23 @@ def squares_of(task: Task) -> list[Squares]:
             squares["scale"] = ((scale - world_from_user.scale) / sigma.scale) ** 2
             squares["bias"] = ((user.range_bias - simulation.range_bias[name]) / sigma.range_bias) ** 2
             squares["clock"] = ((clock - simulation.clock_offset[name]) / sigma.clock_offset) ** 2
-        out.append(Squares(task, name, user.state is State.REGISTERED, squares))
+        registered = user.state is State.REGISTERED
+        out.append(Squares(task, name, registered, squares))
+        if registered:
+            errors[n] = e
+    if errors:
+        out.append(Squares(task, JOINT, True, _joint_squares(registration, errors), len(errors)))
+    return out
+
+
+def _joint_squares(registration: Registration, errors: dict[int, Array]) -> dict[str, float]:
+    """Of users by their number, as one vector; per degree of freedom."""
+    assert registration.joint_covariance is not None
+    users, out = list(errors), {}
+    for what, which in (("x y yaw", [0, 1, 3]), ("x y z yaw", [0, 1, 2, 3])):
+        e = np.concatenate([errors[u][which] for u in users])
+        covariance = registration.joint_covariance[np.ix_(users, which, users, which)].reshape(len(e), len(e))
+        out[what] = float(e @ np.linalg.solve(covariance, e)) / len(e)
     return out
 
 
@@ -193,7 +216,8 @@ def main() -> None:
             tasks = [Task(users, seconds, seed) for seed in range(options.seeds)]
             found = [s for walk in on_all_cores(squares_of, tasks) for s in walk]
             rows += [_row(users, seconds, name, [s for s in found if s.user == name]) for name in _names(found)]
-            rows.append(_row(users, seconds, "all", found))
+            rows.append(_row(users, seconds, "all", [s for s in found if s.user != JOINT]))
+            rows.append(_joint_row(users, seconds, [s for s in found if s.user == JOINT]))
     print(write_table("consistency", rows, settings))
     if options.recordings is not None:
         folders = sorted(f.parent for f in options.recordings.glob("*/ranges.csv"))
@@ -207,7 +231,7 @@ def main() -> None:
 
 
 def _names(found: list[Squares]) -> list[str]:
-    return sorted({s.user for s in found})
+    return sorted({s.user for s in found} - {JOINT})
 
 
 def _row(users: int, seconds: float, name: str, found: list[Squares]) -> dict[str, Any]:
@@ -222,6 +246,19 @@ def _row(users: int, seconds: float, name: str, found: list[Squares]) -> dict[st
         row[what] = mean
         row[f"{what} band"] = f"{low:.2f}..{high:.2f}{'' if low <= mean <= high else ' !'}"
         row[f"{what} in 95 %"] = float((squares < CHI_SQUARE_95[degrees]).mean()) if len(squares) else np.nan
+    return row
+
+
+def _joint_row(users: int, seconds: float, found: list[Squares]) -> dict[str, Any]:
+    """Every walk weighs as many as it has users."""
+    row: dict[str, Any] = {"seconds": seconds, "users": users, "user": JOINT, "n": len(found), "registered": len(found)}
+    row |= {f"{what}{of_it}": "" for what in DEGREES for of_it in ("", " band", " in 95 %")}
+    weight = np.array([s.users for s in found])
+    for what in ("x y yaw", "x y z yaw"):
+        degrees = DEGREES[what] * max(int(weight.sum()), 1)
+        low, high = (edge / degrees for edge in band(degrees, 1))
+        mean = float(np.average([s.squares[what] for s in found], weights=weight)) if found else np.nan
+        row[what], row[f"{what} band"] = mean, f"{low:.2f}..{high:.2f}{'' if low <= mean <= high else ' !'}"
     return row
 
 

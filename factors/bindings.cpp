@@ -2,6 +2,7 @@
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/variant.h>
@@ -10,6 +11,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <tuple>
 #include <utility>
 
@@ -167,10 +169,11 @@ NB_MODULE(_core, m) {
       .def(
           "square_root",
           [](const DeviceBlock& self, const UserPose& i, const Device& device_i, const UserPose& j,
-             const Device& device_j, const LossKind& loss, double annealing) {
-            return self.square_root(i, device_i, j, device_j, make_loss(loss, annealing));
+             const Device& device_j, const LossKind& loss, double annealing, std::optional<double> bending) {
+            return self.square_root(i, device_i, j, device_j, make_loss(loss, annealing), bending);
           },
-          "pose_i"_a, "device_i"_a, "pose_j"_a, "device_j"_a, "loss"_a, "annealing"_a = 1.0);
+          "pose_i"_a, "device_i"_a, "pose_j"_a, "device_j"_a, "loss"_a, "annealing"_a = 1.0,
+          "bending"_a = nb::none());
 
   m.def(
       "judge",

@@ -42,7 +42,7 @@ double DeviceBlock::cost(const UserPose& pose_i, const Device& device_i, const U
 
 DeviceBlock::SquareRoot DeviceBlock::square_root(const UserPose& pose_i, const Device& device_i,
                                                  const UserPose& pose_j, const Device& device_j,
-                                                 const Loss& loss) const {
+                                                 const Loss& loss, std::optional<double> bending) const {
   const CommonFromDevice common_from_i(pose_i, device_i), common_from_j(pose_j, device_j);
   const double bias = device_i.range_bias + device_j.range_bias;
   Squeeze<kRows> rows;
@@ -71,6 +71,7 @@ DeviceBlock::SquareRoot DeviceBlock::square_root(const UserPose& pose_i, const D
         }
       },
       loss.kind);
+  if (bending) bends = *bending;
   if (bends > 0.0) rows.next()[2] = std::sqrt(bends);
   const auto triangle = rows.triangle();
   SquareRoot out;

@@ -1,6 +1,8 @@
 // Many ranges between the same two keyframes of two devices, evaluated in one call (device_range.h).
 #pragma once
 
+#include <optional>
+
 #include "factors/device_range.h"
 #include "factors/range_block.h"
 
@@ -33,10 +35,14 @@ class DeviceBlock {
   // A quadratic model of the cost, as RangeBlock's: ten rows [A b] over i's columns, j's columns and a
   // residual. Nine numbers are what a range's row can be made of: the line's four, the bias, two scales and
   // two clocks.
+  // The ranges' own bending is clipped at 0 block by block, which keeps steps short; noise that is clipped in
+  // each of many blocks adds up to information that nobody has. Who asks how sure a height is hands in what
+  // all blocks of a pair say together: `bending`, 1/m^2.
   static constexpr int kRows = 10;
   using SquareRoot = Eigen::Matrix<double, kRows, 2 * kUserAndDeviceColumns + 1>;
   SquareRoot square_root(const UserPose& pose_i, const Device& device_i, const UserPose& pose_j,
-                         const Device& device_j, const Loss& loss) const;
+                         const Device& device_j, const Loss& loss,
+                         std::optional<double> bending = std::nullopt) const;
 
  private:
   RangeTraits traits(Eigen::Index n) const { return {sigma_[n], late_odds_[n]}; }

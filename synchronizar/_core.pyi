@@ -117,8 +117,12 @@ class DeviceBlock:
         device_j: Device,
         loss: Loss,
         annealing: float = 1.0,
+        bending: float | None = None,
     ) -> Array:
-        """(10, 23): rows over i's F (3), H, X (3), Z, log scale, bias, clock, then j's, then the residual."""
+        """(10, 23): rows over i's F (3), H, X (3), Z, log scale, bias, clock, then j's, then the residual.
+
+        `bending` (1/m^2) stands for that of the block's own ranges in height (factors/device_block.h).
+        """
 
 def judge(whitened: Array, sigma: Array, late_odds: Array, loss: Late) -> tuple[Array, Array, Array]:
     """(n,) each: cost, weight and probability of being honest of ranges with these residuals."""

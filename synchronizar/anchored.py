@@ -126,6 +126,16 @@ class AnchoredGraph:
         _, weight, honest = judge(whitened, self.sigma, judgement.late_odds, self._loss)
         return weight, honest
 
+    def bending(self, walks: Walks, judgement: Judgement) -> Array:
+        """(n,) 1/m^2: what each range's bending adds to the cost's second derivative in the difference in height."""
+        flat = self.flattened(walks)
+        between = apply_frames(walks.frames[flat.i], flat.p_i) - apply_frames(walks.frames[flat.j], flat.p_j)
+        distance = np.maximum(np.linalg.norm(between, axis=1), 1e-9)
+        whitened = (distance - flat.distance) / self.sigma
+        _, weight, _ = judge(whitened, self.sigma, judgement.late_odds, self._loss)
+        level = 1.0 - (between[:, 2] / distance) ** 2
+        return np.asarray(judgement.worth * weight * whitened / self.sigma * level / distance)
+
     # What is judged between two searches
 
     def first_judgement(self) -> Judgement:
@@ -216,8 +226,13 @@ class AnchoredGraph:
         judgement, cost = self.judged(walks, judgement)
         return walks, judgement, cost
 
-    def factors(self, about: Array, judgement: Judgement, annealing: float = 1.0) -> gtsam.NonlinearFactorGraph:
-        """Priors, with those of places and headings, which say nothing, about frames (k, 4); SLAM's steps; ranges."""
+    def factors(
+        self, about: Array, judgement: Judgement, annealing: float = 1.0, bending: Array | None = None
+    ) -> gtsam.NonlinearFactorGraph:
+        """Priors, with those of places and headings, which say nothing, about frames (k, 4); SLAM's steps; ranges.
+
+        `bending` (n,) stands for that of the ranges themselves.
+        """
         graph = gtsam.NonlinearFactorGraph()
         self._add_priors(graph, about, judgement)
         for u in self.placed:
@@ -235,7 +250,8 @@ class AnchoredGraph:
             )
             keys_i = self.keys(int(s.i[first]), int(i.keyframe[first]))
             keys_j = self.keys(int(s.j[first]), int(j.keyframe[first]))
-            graph.add(DeviceBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._reading))
+            bends = None if bending is None else float(bending[k].sum())
+            graph.add(DeviceBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._reading, bends))
         return graph
 
     def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, judgement: Judgement) -> None:

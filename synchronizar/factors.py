@@ -221,8 +221,12 @@ class DeviceBlockFactor(gtsam.CustomFactor):
         loss: Loss,
         annealing: float = 1.0,
         reading: Reading | None = None,
+        bending: float | None = None,
     ) -> None:
-        """`annealing` >= 1 widens the loss (graduated non-convexity); factors of a graph may share a `reading`."""
+        """`annealing` >= 1 widens the loss (graduated non-convexity); factors of a graph may share a `reading`.
+
+        `bending` as `DeviceBlock.square_root` has it.
+        """
         columns = i.columns(0) + j.columns(11)
         read = reading or Reading()
 
@@ -233,7 +237,7 @@ class DeviceBlockFactor(gtsam.CustomFactor):
                 norm = np.zeros(10)
                 norm[0] = np.sqrt(2.0 * block.cost(pose_i, device_i, pose_j, device_j, loss, annealing))
                 return norm
-            root = block.square_root(pose_i, device_i, pose_j, device_j, loss, annealing)
+            root = block.square_root(pose_i, device_i, pose_j, device_j, loss, annealing, bending)
             for k, which in enumerate(columns):
                 jacobians[k] = root[:, which]
             return root[:, -1]

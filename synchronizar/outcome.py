@@ -37,6 +37,8 @@ class Outcome:
     """(n,) the probability that each is."""
     residual: Array
     """(n,) m, measured minus predicted."""
+    joint: Array | None = None
+    """(k, 4, k, 4) covariances of all users at once; None where that is not looked at."""
     device: Array | None = None
     """(k, 3) scale, radio bias (m), clock offset (s); None where they are taken for perfect."""
     device_sigma: Array | None = None

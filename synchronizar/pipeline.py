@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from synchronizar.arrays import Array
 from synchronizar.errors import InputError
 from synchronizar.full import register_full
 from synchronizar.geometry import YawFrame
@@ -56,6 +57,7 @@ def registration_of(
         alternatives=_alternatives(recording, outcome),
         ranges=ranges,
         seconds=seconds,
+        joint_covariance=_joint(recording, outcome),
     )
 
 
@@ -103,6 +105,16 @@ def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
         jumps,
         outcome.tracks.get(user.name),
     )
+
+
+def _joint(recording: Recording, outcome: Outcome) -> Array | None:
+    if outcome.joint is None:
+        return None
+    out = outcome.joint.copy()
+    for u, user in enumerate(recording.users):
+        if user.static:
+            out[u, 3] = out[:, :, u, 3] = np.nan
+    return out
 
 
 def _noise(outcome: Outcome, user: int) -> tuple[float, float] | None:

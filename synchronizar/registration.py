@@ -106,6 +106,9 @@ class Registration:
     """The joint placements that explain the ranges, best first, where there are two or more; else none."""
     ranges: RangeVerdicts
     seconds: Mapping[str, float]
+    joint_covariance: Array | None = None
+    """(k, 4, k, 4), users in order: how the errors of all `common_from_user` hang together, as each one's `covariance`
+    has its own; of the best placement alone. None from the rigid model and while people walk."""
 
     def between(self, to: str, of: str) -> YawFrame:
         """`to_from_of`: the frame of user `of` in that of user `to`.

@@ -11,6 +11,7 @@ from synchronizar.anchored import AnchoredGraph, Judgement
 from synchronizar.arrays import Array
 from synchronizar.carried import Carried
 from synchronizar.geometry import relative_to, rotation_2d
+from synchronizar.samples import pairs
 from synchronizar.walks import SCALE, Walks
 
 
@@ -22,6 +23,8 @@ class Sureness(NamedTuple):
     in its log scale and in the reference's."""
     relative: Array
     """(k, 4, 4) those of x, y, z, yaw as seen from the reference's last keyframe."""
+    joint: Array
+    """(k, 6, k, 6) of all users' poses at once: `poses` on its diagonal, and how their errors hang together."""
     devices: Array
     """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
 
@@ -29,17 +32,17 @@ class Sureness(NamedTuple):
 def sureness(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Sureness:
     """How sure the walks are, by Laplace's method."""
     k = len(graph.users)
-    poses, relative = np.full((k, 6, 6), np.nan), np.full((k, 4, 4), np.nan)
-    devices = np.full((k, 3), np.nan)
+    relative, devices = np.full((k, 4, 4), np.nan), np.full((k, 3), np.nan)
     errors, of_devices = _errors(graph, walks, judgement)
     now, reference = graph.last_poses(walks), graph.reference
+    of_poses = np.full((k, 6, len(of_devices[reference][SCALE])), np.nan)
     for u in graph.placed:
-        error = np.vstack([errors[u], of_devices[reference][SCALE]])
-        poses[u] = error @ error.T
+        of_poses[u] = np.vstack([errors[u], of_devices[reference][SCALE]])
         beside = _seen_from(now[reference], errors[reference][:4], now[u], errors[u][:4])
         relative[u] = beside @ beside.T
         devices[u] = (of_devices[u] ** 2).sum(axis=1)
-    return Sureness(poses, relative, devices)
+    joint = np.tensordot(of_poses, of_poses, axes=(2, 2))
+    return Sureness(joint[np.arange(k), :, np.arange(k)], relative, joint, devices)
 
 
 def carry(graph: AnchoredGraph, walks: Walks, judgement: Judgement, own_height: Array) -> Carried:
@@ -74,7 +77,8 @@ def _errors(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> tuple[d
         if (last := len(graph.keyframes[u]) - 1) > 0
         for key in (keys.pose(u, last), keys.local_height(u, last))
     ]
-    linear = graph.factors(walks.frames, judgement).linearize(graph.values(walks))
+    bending = graph.bending(walks, judgement)
+    linear = graph.factors(walks.frames, judgement, bending=_shared(graph, bending)).linearize(graph.values(walks))
     others = keys.ordering(list(graph.keyframe_keys(set(wanted))))
     if others.size():
         _, linear = linear.eliminatePartialSequential(others)
@@ -84,10 +88,35 @@ def _errors(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> tuple[d
     size = np.linalg.norm(jacobian, axis=0)
     root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
     rows_of = dict(zip(kept, keys.rows(kept), strict=True))
+    heights = root[[rows_of[keys.height(u)].start for u in graph.free]]
+    # Between two heights that are as good the cost is flatter than the factors say; to a tenth, for not for ever.
+    flattened, vectors = np.linalg.eigh(np.eye(len(root)) + heights.T @ _negative(graph, bending) @ heights)
+    root = root @ vectors / np.sqrt(np.maximum(flattened, 0.1))
     errors = {
         u: sum(by @ root[rows_of[key]] for key, by in _last_pose_by_keys(graph, walks, u).items()) for u in graph.placed
     }
     return errors, {u: root[rows_of[keys.device(u)]] for u in graph.placed}
+
+
+def _shared(graph: AnchoredGraph, bending: Array) -> Array:
+    """(n,) what the ranges of each pair say together, where it is positive, in equal shares."""
+    out = np.zeros_like(bending)
+    for pair in pairs(graph.samples):
+        out[pair.samples] = max(bending[pair.samples].mean(), 0.0)
+    return out
+
+
+def _negative(graph: AnchoredGraph, bending: Array) -> Array:
+    """What of the cost's second derivatives in the heights of those that are free is below 0."""
+    column = {u: n for n, u in enumerate(graph.free)}
+    out = np.zeros((len(column), len(column)))
+    for pair in pairs(graph.samples):
+        row = np.zeros(len(column))
+        for user, sign in ((pair.i, 1.0), (pair.j, -1.0)):
+            if user in column:
+                row[column[user]] = sign
+        out += min(bending[pair.samples].sum(), 0.0) * np.outer(row, row)
+    return out
 
 
 def _last_pose_by_keys(graph: AnchoredGraph, walks: Walks, user: int) -> dict[int, Array]:

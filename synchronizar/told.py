@@ -36,6 +36,8 @@ class Told(NamedTuple):
     """Joint placements of the last keyframes, best first, in the graph's frame."""
     covariances: Array
     """(k, 6, 6) of the best one's: additive errors in x, y, z, yaw, in the log scale, in the reference's."""
+    joint: Array
+    """(k, 6, k, 6) those of all users at once, the best minimum's alone."""
     honest: Array
     """(n,) the probability that each sample is."""
     weight: Array
@@ -78,7 +80,7 @@ def tell(minima: list[Settled], smooth: Recording, model: Model, registered: Col
         near *= min(1.0, max(told[1].cost - told[0].cost, 0.0) / model.cost_excluded_late)
         near[graph.reference] = 1.0
     weight = weight * best.judgement.worth / graph.sigma**2
-    return Told(said, told, covariances, honest, weight, corners, near, np.sqrt(devices))
+    return Told(said, told, covariances, sure.joint, honest, weight, corners, near, np.sqrt(devices))
 
 
 def outcome(
@@ -127,6 +129,7 @@ def outcome(
         costs=[p.cost for p in told.placements],
         frames=frames,
         covariances=errors @ told.covariances @ errors.transpose(0, 2, 1),
+        joint=np.einsum("uac,ucvd,vbd->uavb", errors, told.joint, errors, optimize=True),
         errors=errors[:, :, :4],
         scale=scale,
         samples=graph.samples,

@@ -6,20 +6,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+import gtsam
 import numpy as np
 
+from synchronizar._core import UserPose
+from synchronizar.anchored import AnchoredGraph, Judgement
 from synchronizar.arrays import Array, Indices
 from synchronizar.geometry import YawFrame
-from synchronizar.graph import RigidGraph, blocks_of
+from synchronizar.graph import RigidGraph, blocks_of, late_loss
 from synchronizar.model import Model
 from synchronizar.pipeline import register
 from synchronizar.ranges import Ranges
 from synchronizar.recording import Recording
 from synchronizar.registration import Registration
-from synchronizar.samples import Samples, samples_of
+from synchronizar.samples import Pair, Samples, samples_of
 from synchronizar.simulate import Simulation
 from synchronizar.track import Track
 from synchronizar.user import User
+from synchronizar.walks import Walks
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
@@ -126,3 +130,43 @@ def distances(samples: Samples, frames: Array) -> Array:
         return np.array([YawFrame(*frames[u].tolist()) @ q for u, q in zip(who, p, strict=True)])
 
     return np.asarray(np.linalg.norm(placed(samples.i, samples.p_i) - placed(samples.j, samples.p_j), axis=1))
+
+
+def pair_bending(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> list[tuple[Pair, float]]:
+    """1/m^2: the second derivative in height that bending makes for each pair, as the rigid model's blocks have it.
+
+    What ranges are worth must be the same within a pair.
+    """
+    flat = replace(graph.flattened(walks), late_odds=judgement.late_odds)
+    poses = [UserPose(x, y, yaw, z) for x, y, z, yaw in walks.frames.tolist()]
+    worth = judgement.worth
+    return [
+        (
+            b.pair,
+            float(worth[b.pair.samples].mean())
+            * b.block.height_bending(poses[b.pair.i], poses[b.pair.j], late_loss(graph.model)),
+        )
+        for b in blocks_of(flat)
+    ]
+
+
+def flat_keys(keys: list[int]) -> list[int]:
+    """Each as often as it has rows."""
+    return [key for key in keys for _ in range({"H": 1, "Z": 1, "L": 1}.get(chr(gtsam.symbolChr(key)), 3))]
+
+
+def honest_information(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Array:
+    """That of all variables in the graph's ordering; bending in height taken pair by pair, negative or not."""
+    count, ordering = len(graph.users), graph.ordering()
+    keys = flat_keys([ordering.at(n) for n in range(ordering.size())])
+    shared, below = np.zeros(len(graph.samples)), np.zeros((count, count))
+    for pair, bend in pair_bending(graph, walks, judgement):
+        shared[pair.samples] = max(bend, 0.0) / (pair.samples.stop - pair.samples.start)
+        apart = np.eye(count)[pair.i] - np.eye(count)[pair.j]
+        below += min(bend, 0.0) * np.outer(apart, apart)
+    linear = graph.factors(walks.frames, judgement, bending=shared).linearize(graph.values(walks))
+    information, _ = linear.hessian(ordering)
+    heights = [n for n, key in enumerate(keys) if chr(gtsam.symbolChr(key)) == "H"]
+    users = [gtsam.symbolIndex(keys[n]) for n in heights]
+    information[np.ix_(heights, heights)] += below[np.ix_(users, users)]
+    return np.asarray(information)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from solver_scenes import honest_information, pair_bending
 
 from synchronizar._core import judge, judge_bursts
 from synchronizar.anchored import AnchoredGraph, Judgement, device_sigmas
@@ -35,12 +36,14 @@ NOISY = replace(
 MODEL = Model()
 
 
-def graph_of(recording: Recording, model: Model = MODEL, placed: tuple[int, ...] | None = None) -> AnchoredGraph:
+def graph_of(
+    recording: Recording, model: Model = MODEL, placed: tuple[int, ...] | None = None, interval: float = 1.0
+) -> AnchoredGraph:
     samples = samples_of(recording, model)
     everybody = list(range(len(recording.users)) if placed is None else placed)
     samples = samples[np.isin(samples.i, everybody) & np.isin(samples.j, everybody)]
     keyframes = [
-        STANDING if u.static else keyframes_of(mend(recording.tracks[u.name], model), 1.0, model)
+        STANDING if u.static else keyframes_of(mend(recording.tracks[u.name], model), interval, model)
         for u in recording.users
     ]
     return AnchoredGraph(recording, samples, keyframes, everybody, 0, model)
@@ -408,6 +411,32 @@ def test_worse_ranges_are_worth_less_where_they_are_measured() -> None:
 # ---- how sure ----
 
 
+def test_the_bending_of_ranges_is_that_of_rigid_walks() -> None:
+    simulation = simulate(NOISY)
+    graph = graph_of(simulation.recording)
+    walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 3)
+    judgement = replace(judgement, worth=np.full(len(graph.samples), 0.5))
+    bending = graph.bending(walks, judgement)
+    for pair, expected in pair_bending(graph, walks, judgement):
+        assert bending[pair.samples].sum() == pytest.approx(expected, rel=1e-9)
+
+
+def test_many_keyframes_know_no_more_of_a_height_than_few() -> None:
+    """Two walkers on one level, SLAM that does not drift: what noise bends in each block must not add up."""
+    firm = replace(MODEL, drift_m_per_sqrt_s=1e-4, drift_m_per_sqrt_m=1e-4)
+    level = replace(CLEAN, users=2, seconds=30.0, sigma=0.1, height_spread=0.0, height_bob=0.0)
+    ratios = []
+    for seed in range(5):
+        simulation = simulate(replace(level, seed=seed))
+        sigma = []
+        for interval in (0.5, 30.0):
+            graph = graph_of(simulation.recording, firm, interval=interval)
+            walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 5)
+            sigma.append(float(np.sqrt(sureness(graph, walks, judgement).relative[1, 2, 2])))
+        ratios.append(sigma[0] / sigma[1])
+    np.testing.assert_allclose(ratios, 1.0, atol=0.1)
+
+
 @pytest.mark.parametrize("static_radios", [0, 1])
 def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
     """A dense inverse of all variables' information, and derivatives of the last poses by finite differences."""
@@ -417,7 +446,8 @@ def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
     walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 3)
     values, ordering = graph.values(walks), graph.ordering()
     keys = [ordering.at(n) for n in range(ordering.size())]
-    information, _ = graph.factors(walks.frames, judgement).linearize(values).hessian(ordering)
+    judgement = replace(judgement, worth=np.full(len(graph.samples), 0.5))
+    information = honest_information(graph, walks, judgement)
     size = np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
 

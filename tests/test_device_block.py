@@ -150,6 +150,16 @@ def test_the_ten_rows_hold_the_documented_information(loss: Loss, annealing: flo
     np.testing.assert_allclose(A.T @ A, expected, atol=1e-8 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("bending", [0.0, 7.0])
+def test_bending_that_is_handed_in_stands_for_the_blocks_own(bending: float) -> None:
+    block, up = measured(60, 0.6).block(), np.zeros(22)
+    up[HEIGHTS] = 1.0, np.exp(PLACE_I[8]), -1.0, -np.exp(PLACE_J[8])
+    given, none = (block.square_root(*ends(), LATE, bending=b) for b in (bending, -1.0))
+    expected = none[:, :-1].T @ none[:, :-1] + bending * np.outer(up, up)
+    np.testing.assert_allclose(given[:, :-1].T @ given[:, :-1], expected, atol=1e-8 * np.abs(expected).max())
+    np.testing.assert_allclose(given[:, :-1].T @ given[:, -1], none[:, :-1].T @ none[:, -1], atol=1e-6)
+
+
 @pytest.mark.parametrize("n", [1, 2, 9, 10, 11, 511, 512, 513, 512 * 3 + 1])
 def test_any_number_of_ranges_is_squeezed_alike(n: int) -> None:
     ranges = measured(n)._replace(distance=measured(n).distance + 5.0)  # far too long: no height is bent

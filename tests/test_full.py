@@ -80,6 +80,30 @@ def test_sigmas_of_devices_are_as_large_as_the_errors() -> None:
     assert 0.2 < np.mean(squares) < 2.0
 
 
+def test_all_users_at_once_are_as_sure_as_each_by_itself_and_hang_together() -> None:
+    simulation = simulate(Scene(users=3, static_radios=1, seconds=20.0, drift_m_per_sqrt_s=0.02, seed=1))
+    registration = register(simulation.recording)
+    joint, users = registration.joint_covariance, list(registration.users.values())
+    assert joint is not None
+    assert not registration.alternatives
+    for n, user in enumerate(users):
+        assert user.covariance is not None
+        np.testing.assert_allclose(joint[n, :, n], user.covariance, rtol=1e-3, atol=1e-7)
+    known = [4 * n + axis for n, user in enumerate(users) for axis in range(3 if user.static else 4)]
+    flat = joint.reshape(16, 16)
+    assert np.isnan(np.delete(flat, known, axis=0)).all()
+    variances, _ = np.linalg.eigh(flat[np.ix_(known, known)])
+    assert variances.min() > 0.0
+    # What the reference's own drift does to the common frame is common to all.
+    walkers = [n for n, user in enumerate(users) if not user.static and user.name != registration.reference]
+    a, b = (joint[n, 3] for n in walkers)
+    assert a[walkers[1], 3] / np.sqrt(a[walkers[0], 3] * b[walkers[1], 3]) > 0.3
+
+
+def test_the_rigid_model_does_not_tell_how_errors_hang_together() -> None:
+    assert register(simulate(Scene()).recording, kind="rigid").joint_covariance is None
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("users", [2, 3, 4])
 def test_where_slam_drifts_tracks_are_nearer_to_the_truth_than_the_rigid_model_s(users: int, seed: int) -> None:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure, SubFigure
 from synchronizar.model import Model
 from synchronizar.plots.answer import Answer
 from synchronizar.plots.corrections import draw_corrections
-from synchronizar.plots.estimates import draw_estimates, draw_names, kinds
+from synchronizar.plots.estimates import draw_estimates, draw_names, draw_slam_noise, kinds
 from synchronizar.plots.jump_list import draw_jumps
 from synchronizar.plots.pairs import MOST_PAIRS, Pair, draw_pair, pair_limits, pairs
 from synchronizar.plots.residuals import range_sigma
@@ -37,7 +37,7 @@ def draw_devices(answer: Answer, title: str) -> Figure:
 
 def _draw_each(figure: SubFigure, answer: Answer) -> None:
     of_user = styles(answer)
-    columns = figure.add_gridspec(2, 6, width_ratios=(4.6, 1.2, 1.4, 1.4, 1.4, 2.6))
+    columns = figure.add_gridspec(2, 7, width_ratios=(4.4, 1.1, 1.3, 1.3, 1.3, 1.1, 2.6))
     distance = figure.add_subplot(columns[0, 0])
     draw_corrections(distance, figure.add_subplot(columns[1, 0], sharex=distance), answer, of_user)
     draw_names(figure.add_subplot(columns[:, 1]), answer, of_user)
@@ -45,7 +45,8 @@ def _draw_each(figure: SubFigure, answer: Answer) -> None:
     for ax, kind in zip(panels, kinds(Model()), strict=True):
         draw_estimates(ax, answer, kind)
     panels[1].set_xlabel("bars: ±2σ; band: the prior's ±2σ\ngrey and hollow: the prior determines it", fontsize=9)
-    draw_jumps(figure.add_subplot(columns[:, 5]), answer, of_user)
+    draw_slam_noise(figure.add_subplot(columns[:, 5]), answer)
+    draw_jumps(figure.add_subplot(columns[:, 6]), answer, of_user)
 
 
 def _draw_pairs(figure: SubFigure, answer: Answer, found: list[Pair]) -> None:

@@ -1,4 +1,4 @@
-"""What is wrong with each device at all times: its scale, its radio's bias, its clock."""
+"""What is wrong with each device at all times: its scale, its radio's bias, its clock; how far its SLAM drifts."""
 
 from __future__ import annotations
 
@@ -89,6 +89,32 @@ def draw_estimates(ax: Axes, answer: Answer, kind: Kind) -> None:
         yticks=[],
         title=kind.title,
     )
+    ax.tick_params(labelsize=8)
+
+
+def draw_slam_noise(ax: Axes, answer: Answer) -> None:
+    """How many times as far as the model says each SLAM drifts: in place (dots), in heading (diamonds)."""
+    ax.axvline(1.0, color="0.75", linewidth=0.8, zorder=1)
+    shown = [0.5, 2.0]
+    for row, name in enumerate(answer.names[:MOST_ROWS]):
+        noise = answer.registration.users[name].slam_noise
+        if noise is None:
+            _tell(ax, row, "-", PRIOR_DOMINATED, _font_size(answer))
+            continue
+        shown += noise
+        for value, marker in zip(noise, "oD", strict=True):
+            ax.plot(value, row, marker, color=DEVICE, markerfacecolor="none", markersize=5)
+        _tell(ax, row, f"{noise[0]:.2f}, {noise[1]:.2f}", DEVICE, _font_size(answer))
+    ax.set_xscale("log", base=2)
+    ax.set(
+        xlim=(min(shown) / 1.2, max(shown) * 1.2),
+        ylim=_limits(answer),
+        yticks=[],
+        title="Drift of SLAM (×)",
+        xlabel="○ place, ◇ heading;\n1: as the model says",
+    )
+    ax.xaxis.label.set_fontsize(9)
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.tick_params(labelsize=8)
 
 
