@@ -24,7 +24,8 @@ from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import height_sigma_of, late_loss
 from synchronizar.keyframes import Ends, Keyframes, ends_of
 from synchronizar.model import Model
-from synchronizar.optimize import optimize
+from synchronizar.optimize import optimizing
+from synchronizar.portions import Portions, finish
 from synchronizar.recording import Recording
 from synchronizar.samples import Samples, pairs
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, antennas, begin, flattened, steps
@@ -203,7 +204,7 @@ class AnchoredGraph:
     def _carried_cost(self, walks: Walks) -> float:
         if self.carried is None:
             return 0.0
-        return float(self.carried.factor(self._clock).error(self.values(walks)))
+        return float(self.carried.factor(self._clock).error(self._shared_values(walks)))
 
     # The graph
 
@@ -211,18 +212,28 @@ class AnchoredGraph:
         self, walks: Walks, judgement: Judgement, rounds: int, annealing: float = 1.0
     ) -> tuple[Walks, Judgement, float]:
         """Find the walks and judge what is late in turn (expectation maximisation), until neither changes."""
+        return finish(self.settling(walks, judgement, rounds, annealing))
+
+    def settling(
+        self, walks: Walks, judgement: Judgement, rounds: int, annealing: float = 1.0, steps_a_round: int = _ITERATIONS
+    ) -> Portions[tuple[Walks, Judgement, float]]:
+        """`settle` in portions; fewer steps a round are enough near a minimum."""
         about, before = walks.frames, np.inf
         gain = _GAIN + _GAIN_A_RANGE * len(self.samples)
         for _ in range(rounds):
             if np.abs(walks.device[:, CLOCK] - self._clock).max() > _STALE_CLOCK:
                 self.read_antennas(walks.device[:, CLOCK])
+                yield
             judgement, cost = self.judged(walks, judgement)
             if before - cost < gain:
                 return walks, judgement, cost
             before = cost
             factors = self.factors(about, judgement, annealing)
-            values = optimize(factors, self.values(walks), self.ordering(), _ITERATIONS, 0.25 * gain, self._reading)
+            yield
+            values, ordering = self.values(walks), self.ordering()
+            values = yield from optimizing(factors, values, ordering, steps_a_round, 0.25 * gain, self._reading)
             walks = self.walks(values, walks)
+            yield
         judgement, cost = self.judged(walks, judgement)
         return walks, judgement, cost
 
@@ -253,6 +264,19 @@ class AnchoredGraph:
             bends = None if bending is None else float(bending[k].sum())
             graph.add(DeviceBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._reading, bends))
         return graph
+
+    def linearizing(
+        self, walks: Walks, judgement: Judgement, bending: Array | None = None
+    ) -> Portions[gtsam.GaussianFactorGraph]:
+        """All factors at some walks, in portions."""
+        factors = self.factors(walks.frames, judgement, bending=bending)
+        yield
+        values = self.values(walks)
+        yield
+        self._reading.hold(values)
+        linear = factors.linearize(values)
+        self._reading.hold(None)
+        return linear
 
     def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, judgement: Judgement) -> None:
         m, noise = self.model, gtsam.noiseModel
@@ -330,6 +354,16 @@ class AnchoredGraph:
 
     def values(self, walks: Walks) -> gtsam.Values:
         """Gtsam's values at these walks."""
+        values = self._shared_values(walks)
+        for u in self.placed:
+            for n, (x, y, z, yaw) in enumerate(walks.local[u].tolist()):
+                if n > 0:
+                    values.insert(keys.pose(u, n), gtsam.Pose2(x, y, yaw))
+                    values.insert(keys.local_height(u, n), z)
+        return values
+
+    def _shared_values(self, walks: Walks) -> gtsam.Values:
+        """Those of `shared_keys`."""
         values = gtsam.Values()
         for u in self.placed:
             if u != self.reference:
@@ -337,10 +371,6 @@ class AnchoredGraph:
                 values.insert(keys.frame(u), gtsam.Pose2(x, y, yaw))
                 values.insert(keys.height(u), z)
             values.insert(keys.device(u), walks.device[u] - np.array([0.0, 0.0, self._clock[u]]))
-            for n, (x, y, z, yaw) in enumerate(walks.local[u].tolist()):
-                if n > 0:
-                    values.insert(keys.pose(u, n), gtsam.Pose2(x, y, yaw))
-                    values.insert(keys.local_height(u, n), z)
         values.insert(keys.KIND, self._kind(walks, np.ones((len(self.users) + 1, 3))))
         values.insert(keys.LEVEL, self._level(walks))
         return values

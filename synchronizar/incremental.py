@@ -9,106 +9,46 @@ never the only start. Once all are known the window is short and followed from t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from synchronizar.anchored import AnchoredGraph
 from synchronizar.arrays import Array
 from synchronizar.carried import Carried
 from synchronizar.cues import Cue, cue_of
-from synchronizar.full import keyframes_of_all, solve
 from synchronizar.geometry import (
     YawFrame,
     moved_frames,
     multiply_quaternions,
-    rotate_by_quaternions,
     rotation_2d,
     wrap_angle,
     yaw_of_quaternions,
 )
-from synchronizar.initialise import Hypothesis, connected, extend
+from synchronizar.initialise import connected
 from synchronizar.jumps import Mended, mend
-from synchronizar.keyframes import Keyframes
 from synchronizar.memory import Checkpoint, Memory, beginning, load, save
 from synchronizar.model import Model
 from synchronizar.outcome import Outcome
+from synchronizar.portions import Portions, finish
 from synchronizar.recording import Recording
 from synchronizar.registration import State
-from synchronizar.samples import Samples, samples_of
-from synchronizar.settled import Settled, compare, measured, settle_all
-from synchronizar.spans import coarse_interval, ties
+from synchronizar.samples import samples_of
+from synchronizar.settled import Settled
+from synchronizar.solution import Solution
 from synchronizar.stream import Stream, Stretch
-from synchronizar.sureness import carry
-from synchronizar.told import Told, about_own, errors_about_own, tell
+from synchronizar.sureness import Errors, Sureness, carry, errors_of, sureness_of
+from synchronizar.told import about_own, errors_about_own, tell
 from synchronizar.user import User
 from synchronizar.verdict import Verdict
-from synchronizar.walks import SCALE, Walks, interpolated
+from synchronizar.walks import SCALE
+from synchronizar.window import Window
 
+_NO_MORE = object()
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
-_ROUNDS = 4  # of a solution that is followed: it is near already
 _RECENT_WALK = 1.0  # s: in which somebody's way shows
 _SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
-
-
-@dataclass(frozen=True)
-class Solution:
-    """What is known since the last solve, in the common frame."""
-
-    checkpoint: Checkpoint
-    stretch: Stretch
-    minima: list[Settled]
-    told: Told
-    common: Array
-    """(4,) where the graph's own frame lies in the common one."""
-    axes: Array
-    """(k, 4) quaternions: what SLAM's axes are turned by at the end."""
-    noise: Array
-    """(k, 2)"""
-
-    @property
-    def graph(self) -> AnchoredGraph:
-        """The best minimum's."""
-        return self.minima[0].graph
-
-    @property
-    def walks(self) -> Walks:
-        """The best minimum's."""
-        return self.minima[0].walks
-
-    def scale(self, user: int) -> float:
-        """Metres in a user's own unit of length."""
-        return 1.0 if self.graph.users[user].static else float(np.exp(self.walks.device[user, SCALE]))
-
-    @cached_property
-    def placed(self) -> Array:
-        """(k, 4) x, y, z, yaw of each last keyframe in the common frame."""
-        return moved_frames(self.common, self.told.placements[0].frames)
-
-    @cached_property
-    def covariances(self) -> Array:
-        """(k, 6, 6) as `Told.covariances`, in the common frame as it was laid at the reference's first pose."""
-        turn = np.eye(6)
-        turn[:2, :2] = rotation_2d(float(self.common[3]))
-        out = turn @ self.told.covariances @ turn.T
-        out[:, :4, :4] += self.checkpoint.spread_at(self.placed)
-        return np.asarray(out)
-
-    @cached_property
-    def _turn(self) -> Array:
-        """(k, 4) quaternions: SLAM's axes into the common frame's."""
-        yaw = 0.5 * self.placed[:, 3]
-        zero = np.zeros(len(yaw))
-        return multiply_quaternions(np.column_stack([zero, zero, np.sin(yaw), np.cos(yaw)]), self.axes)
-
-    def pose(self, user: int, position: Array, quat_xyzw: Array) -> tuple[Array, Array]:
-        """A pose of SLAM's own (3,), (4,) in the common frame: as the last solution has it, SLAM followed since."""
-        turn = self._turn[user]
-        away = rotate_by_quaternions(turn, self.scale(user) * (position - self.stretch.last[user]))
-        return self.placed[user, :3] + away, multiply_quaternions(turn, quat_xyzw)
 
 
 class Estimator:
@@ -124,9 +64,13 @@ class Estimator:
         self.solution: Solution | None = None
         self._cues: dict[int, Cue] = {}
         self._untold: list[str] = []
+        self._work: Portions[None] | None = None
+        self._searched, self._searching = -np.inf, True
+        self._near = np.zeros(len(self.users))
 
     def save(self, path: str | Path) -> None:
         """Write all that it knows to a file. Raises InputError where that cannot be."""
+        self._finish()
         save(path, self.stream, self.memory)
 
     @classmethod
@@ -135,7 +79,8 @@ class Estimator:
         out = cls.__new__(cls)
         out._begin_with(*load(path), model or Model())
         if np.isfinite(out.memory.solved):
-            out._untold = out._solve()
+            out._begin_to_solve()
+            out._finish()
         return out
 
     def add_pose(self, user: str, t: float, position: Array, quat_xyzw: Array) -> None:
@@ -148,13 +93,55 @@ class Estimator:
             self.memory.since.setdefault(user, t)
 
     def advance(self, t: float) -> list[str]:
-        """It is `t` (s, range clock): solve if that is due. Returns what has happened, a sentence each."""
+        """It is `t` (s, range clock): go on with what is to be solved. Returns what has happened, a sentence each.
+
+        A solve that goes on from the last one is done in some 25 portions of some milliseconds, one at a time; a search
+        for those whose place is not known is done at once.
+        """
+        self._at(t)
+        if self._searching:
+            self._finish()
+        else:
+            self._portion()
+        return self._tell()
+
+    def complete(self, t: float) -> list[str]:
+        """As `advance`, and solve for all that has come, due or not."""
+        self._at(t)
+        self._finish()
+        if self.stream.added != self.memory.seen:
+            self._begin_to_solve()
+            self._finish()
+        return self._tell()
+
+    def _at(self, t: float) -> None:
         self.memory.now = max(self.memory.now, t)
-        events, self._untold = self._untold, []
         if self.stream.added == self.memory.seen or self.memory.now < self._due():
-            return events
+            return
+        if self._work is None or self._search_due():
+            self._finish()
+            self._begin_to_solve()
+
+    def _begin_to_solve(self) -> None:
+        self._searching = self._search_due()
+        if self._searching:
+            self._searched = self.memory.now
         self.memory.seen, self.memory.solved = self.stream.added, self.memory.now
-        return events + self._solve()
+        self._work = self._solving(self._searching)
+
+    def _portion(self) -> None:
+        if self._work is not None and next(self._work, _NO_MORE) is _NO_MORE:
+            self._work = None
+
+    def _finish(self) -> None:
+        work, self._work = self._work, None
+        if work is not None:
+            finish(work)
+
+    def _tell(self) -> list[str]:
+        """What has happened and was not told yet."""
+        untold, self._untold = self._untold, []
+        return untold
 
     def state(self, user: int) -> State:
         """Of a user at this moment."""
@@ -173,14 +160,13 @@ class Estimator:
         """0 .. 1 of how near a user is to being registered."""
         if self.state(user) is State.REGISTERED:
             return 1.0
-        near = 0.0 if self.solution is None else float(self.solution.told.progress[user])
-        return near if np.isfinite(near) else 0.0
+        return float(np.nan_to_num(self._near[user]))
 
     def cue(self, user: int) -> Cue | None:
         """Which way a user who is not registered should walk; None where that would not help."""
         return self._cues.get(user)
 
-    def _cue(self, user: int) -> Cue | None:
+    def _cue(self, user: int, before: Cue | None) -> Cue | None:
         solution, frame = self.solution, self.frame(user)
         if solution is None or frame is None or self.users[user].static or self.state(user) is not State.UNOBSERVABLE:
             return None
@@ -200,9 +186,7 @@ class Estimator:
         placement = solution.told.placements[0]
         turned = placement._replace(frames=frames, covariances=_turned(placement.covariances, solution.common[3]))
         names = [self.users[u].name for u in partners]
-        return cue_of(
-            turned, user, ends[1], others, velocity, solution.told.corners[user], names, self.cue(user), self.model
-        )
+        return cue_of(turned, user, ends[1], others, velocity, solution.told.corners[user], names, before, self.model)
 
     def _registered(self) -> set[int]:
         return {u for u, state in self.memory.states.items() if state is State.REGISTERED}
@@ -214,12 +198,20 @@ class Estimator:
         return [u for u in self.memory.since if u not in self.memory.known]
 
     def _due(self) -> float:
-        """When the next solve is: each keyframe; while somebody is looked for, ever more seldom."""
-        unknown = self._unknown()
-        if not unknown:
-            return self.memory.solved + self.model.keyframe_interval
-        looked = self.memory.solved - min(self.memory.since[u] for u in unknown)
-        return self.memory.solved + max(self.model.search_least, self.model.search_growth * looked)
+        """When the next solve is: each keyframe; while nobody is known, when the next search is."""
+        follow = self.memory.solved + self.model.keyframe_interval
+        if not self._unknown():
+            return follow
+        followed = self.solution is not None and len(self.memory.known) > 1
+        return min(follow, self._next_search()) if followed else self._next_search()
+
+    def _search_due(self) -> bool:
+        return bool(self._unknown()) and self.memory.now >= self._next_search()
+
+    def _next_search(self) -> float:
+        """Those whose place is not known are looked for ever more seldom."""
+        looked = self._searched - min(self.memory.since[u] for u in self._unknown())
+        return self._searched + max(self.model.search_least, self.model.search_growth * looked)
 
     def _move_window(self) -> None:
         """Begin the window as late as all that must be in it allows, and never earlier than before."""
@@ -234,29 +226,55 @@ class Estimator:
 
     # The solve
 
-    def _solve(self) -> list[str]:
-        m = self.model
-        self._move_window()
+    def _solving(self, searching: bool) -> Portions[None]:
+        """All that came until now.
+
+        Those whose place is not known are judged where all is `searching` for them; between searches they stay
+        where the last one found them, and so does the window, for nothing of theirs is carried.
+        """
+        memory, m, now = self.memory, self.model, self.memory.now
+        if searching or not self._unknown():
+            self._move_window()
         self._hand_over()
-        begin = self.memory.begin
+        begin = memory.begin
         stretch = self.stream.stretch(begin.begin, begin.axes)
-        mended = {name: mend(track, m) for name, track in stretch.recording.tracks.items()}
+        mended = {}
+        for name, track in stretch.recording.tracks.items():
+            yield
+            mended[name] = mend(track, m)
         smooth = replace(stretch.recording, tracks={name: of.track for name, of in mended.items()})
         samples = samples_of(smooth, m)
-        placed = connected(samples, len(self.users), self.memory.gauge)
-        samples = samples[np.isin(samples.i, placed)]
-        events = self._part(placed)
+        placed = connected(samples, len(self.users), memory.gauge)
+        self._part(placed)
+        last = None if searching else self._last()
+        if last is not None:
+            placed = [u for u in placed if u in last.graph.placed]
+        samples = samples[np.isin(samples.i, placed) & np.isin(samples.j, placed)]
         if len(samples) < _SETTLED_ENOUGH:
-            return events
-        carried = _of(begin.carried, placed, self.memory.known)
-        minima, noise = self._minima(smooth, mended, samples, placed, carried)
-        self.memory.noise, self.memory.worth = noise, float(minima[0].judgement.worth.mean())
-        self.solution = self._told(begin, stretch, smooth, mended, minima, noise)
-        events += self._judge(placed)
-        self._remember(stretch)
-        cues = {u: self._cue(u) for u in placed}
-        self._cues = {u: cue for u, cue in cues.items() if cue is not None}
-        return events
+            return
+        carried = _of(begin.carried, placed, memory.known)
+        window = Window(smooth, mended, samples, placed, memory.gauge, carried, memory.noise, memory.worth)
+        yield
+        minima, noise = yield from window.minima(last, m)
+        yield
+        memory.noise, memory.worth = noise, float(minima[0].judgement.worth.mean())
+        best = minima[0]
+        errors = yield from errors_of(best.graph, best.walks, best.judgement)
+        sure = sureness_of(best.graph, best.walks, errors)
+        self.solution = self._told(begin, stretch, smooth, mended, minima, noise, sure)
+        yield
+        self._judge(placed if searching else [u for u in placed if u in memory.known], now)
+        self._remember(stretch, errors, now)
+        self._cues, before = {}, self._cues
+        for u in placed:
+            cue = self._cue(u, before.get(u))
+            if cue is not None:
+                self._cues[u] = cue
+
+    def _last(self) -> Settled | None:
+        """The last solution goes on where the window begins where that one's began."""
+        last = self.solution
+        return last.minima[0] if last is not None and last.checkpoint is self.memory.begin else None
 
     def _hand_over(self) -> None:
         """Where the user that windows are told about ranges no more, another takes its place; the frame stays."""
@@ -272,7 +290,7 @@ class Estimator:
             memory.checkpoints = [c.beside(heir) for c in memory.checkpoints if c.has(heir)]
             memory.gauge = heir
 
-    def _part(self, placed: list[int]) -> list[str]:
+    def _part(self, placed: list[int]) -> None:
         """Those who were known and to whom no chain of ranges leads any more: they are looked for when they return."""
         gone = [u for u, state in self.memory.states.items() if state is not State.DISCONNECTED and u not in placed]
         if (
@@ -285,39 +303,7 @@ class Estimator:
             self.memory.states[u] = State.DISCONNECTED
             self.memory.known.discard(u)
             self.memory.since.pop(u, None)
-        return [f"{self.users[u].name}: {State.DISCONNECTED}: no chain of ranges leads to it any more" for u in gone]
-
-    def _minima(
-        self,
-        smooth: Recording,
-        mended: dict[str, Mended],
-        samples: Samples,
-        placed: list[int],
-        carried: Carried | None,
-    ) -> tuple[list[Settled], Array]:
-        """The minima of the window, best first, and how noisy each SLAM is taken to be."""
-        m, noise = self.model, self.memory.noise
-        # The last solution goes on where nobody in the window is new, and it begins where that one's began.
-        last = self.solution
-        if last is not None and (
-            last.checkpoint is not self.memory.begin or not set(placed) <= self.memory.known & set(last.graph.placed)
-        ):
-            last = None
-        if carried is None and last is None:
-            minima, noise, _ = solve(smooth, mended, self.memory.gauge, m)
-            return minima, noise
-        interval = coarse_interval(samples, m) if float(np.ptp(samples.t)) > 2.0 * m.window else m.keyframe_interval
-        keyframes = keyframes_of_all(smooth, mended, interval, m, noise)
-        graph = AnchoredGraph(smooth, samples, keyframes, placed, self.memory.gauge, m, carried)
-        worth = self.memory.worth
-        if last is not None:
-            return [_followed(graph, last.walks, last.graph.keyframes, worth)], noise
-        assert carried is not None
-        begun = graph.begin(carried.frames, carried.device)
-        if set(placed) <= set(carried.users):
-            return [_followed(graph, begun, keyframes, worth)], noise
-        found = settle_all(graph, _joined(graph, begun, carried, m), m)
-        return compare(found, measured(found[0]), m), noise
+            self._untold.append(f"{self.users[u].name}: {State.DISCONNECTED}: no chain of ranges leads to it any more")
 
     def _told(
         self,
@@ -327,6 +313,7 @@ class Estimator:
         mended: dict[str, Mended],
         minima: list[Settled],
         noise: Array,
+        sure: Sureness,
     ) -> Solution:
         axes = begin.axes.copy()
         for u, user in enumerate(self.users):
@@ -337,15 +324,14 @@ class Estimator:
             best = minima[0]
             scale = float(np.exp(best.walks.device[self.memory.gauge, SCALE]))
             common = np.append(scale * best.graph.keyframes[self.memory.gauge].anchor, 0.0)
-        return Solution(
-            begin, stretch, minima, tell(minima, smooth, self.model, self._registered()), common, axes, noise
-        )
+        told = tell(minima, smooth, self.model, self._registered(), sure)
+        return Solution(begin, stretch, minima, told, common, axes, noise)
 
-    def _judge(self, placed: list[int]) -> list[str]:
+    def _judge(self, placed: list[int], now: float) -> None:
         """New states, and what changed."""
         assert self.solution is not None
-        said, rejected = self.solution.told.said, self._rejected()
-        events = []
+        self._near[placed] = self.solution.told.progress[placed]
+        said, rejected = self.solution.told.said, self._rejected(now)
         for u in placed:
             verdict = said[u]
             if verdict is None or u == self.memory.gauge:
@@ -353,20 +339,19 @@ class Estimator:
             state, reason = verdict.state, verdict.reason
             if u in self.memory.known and rejected[u] > self.model.largest_rejected:
                 self.memory.known.discard(u)
-                self.memory.since[u] = self.memory.now
+                self.memory.since[u] = now
                 state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges do not fit"
             elif state is State.REGISTERED:
                 self.memory.known.add(u)
             if state is not self.state(u):
-                events.append(f"{self.users[u].name}: {state}: {reason}")
+                self._untold.append(f"{self.users[u].name}: {state}: {reason}")
             self.memory.states[u] = state
-        return events
 
-    def _rejected(self) -> Array:
+    def _rejected(self, now: float) -> Array:
         """(k,) the share of each user's latest ranges that are taken for late or worse."""
         assert self.solution is not None
         samples, honest = self.solution.graph.samples, self.solution.told.honest
-        late = samples.t > self.memory.now - self.model.recent
+        late = samples.t > now - self.model.recent
         out = np.zeros(len(self.users))
         for u in range(len(self.users)):
             mine = late & ((samples.i == u) | (samples.j == u))
@@ -374,18 +359,18 @@ class Estimator:
                 out[u] = float((honest[mine] < 0.5).mean())
         return out
 
-    def _remember(self, stretch: Stretch) -> None:
+    def _remember(self, stretch: Stretch, errors: Errors, now: float) -> None:
         """A checkpoint, and what no window can reach any more forgotten."""
         solution = self.solution
         assert solution is not None
         best = solution.minima[0]
         unknown = {u for u in best.graph.placed if u not in self.memory.known}
-        carried = carry(best.graph, best.walks, best.judgement, stretch.last[:, 2]).without(unknown)
+        carried = carry(best.graph, best.walks, errors, stretch.last[:, 2]).without(unknown)
         reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
         reference[2] -= solution.scale(self.memory.gauge) * stretch.last[self.memory.gauge, 2]
         spread = solution.covariances[self.memory.gauge, :4, :4]
         begin = np.where(np.isnan(stretch.end), self.memory.begin.begin, stretch.end)
-        self.memory.checkpoints.append(Checkpoint(self.memory.now, begin, solution.axes, carried, reference, spread))
+        self.memory.checkpoints.append(Checkpoint(now, begin, solution.axes, carried, reference, spread))
         if np.isfinite(self.memory.begin.t):
             self.stream.forget(self.memory.begin.begin, self.memory.begin.t - 1.0)
 
@@ -431,7 +416,7 @@ class Estimator:
 
     def frame(self, user: int) -> YawFrame | None:
         """`common_from_user` at the user's last pose; None where it has no placement."""
-        if self.solution is None or np.isnan(self.solution.placed[user, 0]):
+        if self.solution is None or np.isnan(self.solution.placed[user, 0]) or self.state(user) is State.DISCONNECTED:
             return None
         last = self.stream.last_pose(user)
         position = np.zeros(3) if last is None else last[1:4]
@@ -449,30 +434,6 @@ def _of(carried: Carried | None, placed: list[int], known: set[int]) -> Carried 
     if carried is None:
         return None
     return carried.without({u for u in carried.users if u not in placed or u not in known})
-
-
-def _followed(graph: AnchoredGraph, walks: Walks, keyframes: list[Keyframes], worth: float) -> Settled:
-    """The minimum that walks lead to, which are known at these keyframes; ranges were worth so much before."""
-    walks = interpolated(walks, keyframes, graph.keyframes)
-    before = replace(graph.first_judgement(), worth=np.full(len(graph.samples), worth))
-    walks, judgement, _ = graph.settle(walks, before, 1)
-    return Settled(graph, *graph.settle(walks, graph.measured(walks, judgement), _ROUNDS))
-
-
-def _joined(graph: AnchoredGraph, begun: Walks, carried: Carried, model: Model) -> list[Walks]:
-    """Walks with those who are new wherever their ranges to all others allow."""
-    frames = np.full_like(begun.frames, np.nan)
-    frames[carried.users] = begun.frames[carried.users]
-    flat = graph.flattened(begun._replace(frames=np.nan_to_num(begun.frames)))
-    wide = replace(flat, sigma=np.hypot(flat.sigma, model.search_sigma))
-    alive = [Hypothesis(frames, 0.0)]
-    coming = [u for u in graph.placed if u not in carried.users]
-    while coming:
-        there = ~np.isnan(alive[0].frames[:, 0])
-        user = max(coming, key=lambda u: ties(wide, u, np.flatnonzero(there).tolist()))
-        coming.remove(user)
-        alive = extend(wide, alive, graph.users, user, model)
-    return [begun._replace(frames=h.frames) for h in alive]
 
 
 def _turned(covariances: Array, yaw: float) -> Array:

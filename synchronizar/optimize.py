@@ -9,6 +9,7 @@ from __future__ import annotations
 import gtsam
 
 from synchronizar.factors import Reading
+from synchronizar.portions import Portions, finish
 
 _SUFFICIENT = 1e-4  # of the gain that the linear model promises (Armijo)
 _SHORTER = 0.4
@@ -28,26 +29,39 @@ def optimize(
     Our blocks are positive semidefinite models with the exact gradient, so a step never leads uphill at first.
     `reading` is what the factors share.
     """
-    reading = reading or Reading()
+    return finish(optimizing(factors, start, ordering, iterations, gain, reading or Reading()))
+
+
+def optimizing(
+    factors: gtsam.NonlinearFactorGraph,
+    start: gtsam.Values,
+    ordering: gtsam.Ordering,
+    iterations: int,
+    gain: float,
+    reading: Reading,
+) -> Portions[gtsam.Values]:
+    """`optimize` in portions, each as long as one look at all factors."""
     reading.hold(start)
     try:
-        return _optimize(factors, start, ordering, iterations, gain, reading)
+        return (yield from _optimizing(factors, start, ordering, iterations, gain, reading))
     finally:
         reading.hold(None)
 
 
-def _optimize(
+def _optimizing(
     factors: gtsam.NonlinearFactorGraph,
     values: gtsam.Values,
     ordering: gtsam.Ordering,
     iterations: int,
     gain: float,
     reading: Reading,
-) -> gtsam.Values:
+) -> Portions[gtsam.Values]:
     cost = factors.error(values)
     for _ in range(iterations):
+        yield
         reading.hold(values)
         linear = factors.linearize(values)
+        yield
         step = linear.optimize(ordering)
         promised = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)
         if promised < gain:
@@ -62,6 +76,7 @@ def _optimize(
             length *= _SHORTER
             if length < _SHORTEST:
                 return values
+            yield
         gained = cost - tried_cost
         values, cost = tried, tried_cost
         if gained < gain:

@@ -79,15 +79,15 @@ def replay(
     columns = {f.name: getattr(recording.ranges, f.name).tolist() for f in fields(Ranges)}
     tick: int | None = None
 
-    def tell() -> None:
+    def tell(advance: Callable[[float], list[str]]) -> None:
         if tick is not None:
-            updates.append(known.update((tick + 1) / A_SECOND))
+            updates.append(known.update((tick + 1) / A_SECOND, advance))
             if told is not None:
                 told(updates[-1])
 
     for t, user, row in in_time(recording):
         if tick is not None and t >= (tick + 1) / A_SECOND:
-            tell()
+            tell(estimator.advance)
             tick = None
         if user < 0:
             optional = {name: columns[name][row] for name in _OPTIONAL if columns[name][row] == columns[name][row]}
@@ -102,7 +102,7 @@ def replay(
         if estimator.solution is not None and estimator.is_registered(user):
             place, attitude = estimator.solution.pose(user, position, quat)
             rows[names[user]].append(np.concatenate([[t], place, attitude]))
-    tell()
+    tell(estimator.complete)
     tracks = {name: _track(np.array(of_user)) for name, of_user in rows.items() if of_user}
     seconds = {"load": 0.0, "initialise": 0.0, "solve": perf_counter() - began}
     return Replay(updates, tracks, known.registration(tracks, seconds))
@@ -119,10 +119,10 @@ class _Known:
         self._weight, self._residual = np.zeros(n), np.full(n, np.nan)
         self._covariances: list[Array | None] = [None] * len(recording.users)
 
-    def update(self, t: float) -> Update:
-        """Solve if that is due, and tell."""
+    def update(self, t: float, advance: Callable[[float], list[str]]) -> Update:
+        """Go on to a moment, and tell."""
         estimator, before, began = self.estimator, self.estimator.solution, perf_counter()
-        events = estimator.advance(t)
+        events = advance(t)
         seconds = perf_counter() - began
         if estimator.solution is not None and estimator.solution is not before:
             self._read()

@@ -11,6 +11,7 @@ from synchronizar.anchored import AnchoredGraph, Judgement
 from synchronizar.arrays import Array
 from synchronizar.carried import Carried
 from synchronizar.geometry import relative_to, rotation_2d
+from synchronizar.portions import Portions, finish
 from synchronizar.samples import pairs
 from synchronizar.walks import SCALE, Walks
 
@@ -29,11 +30,25 @@ class Sureness(NamedTuple):
     """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
 
 
+class Errors(NamedTuple):
+    """What d independent unit errors do, by user."""
+
+    poses: dict[int, Array]
+    """(5, d): to x, y, z, yaw of its last keyframe and its log scale."""
+    devices: dict[int, Array]
+    """(3, d): to its device."""
+
+
 def sureness(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Sureness:
     """How sure the walks are, by Laplace's method."""
+    return sureness_of(graph, walks, finish(errors_of(graph, walks, judgement)))
+
+
+def sureness_of(graph: AnchoredGraph, walks: Walks, sources: Errors) -> Sureness:
+    """`sureness`, where errors are known."""
     k = len(graph.users)
     relative, devices = np.full((k, 4, 4), np.nan), np.full((k, 3), np.nan)
-    errors, of_devices = _errors(graph, walks, judgement)
+    errors, of_devices = sources
     now, reference = graph.last_poses(walks), graph.reference
     of_poses = np.full((k, 6, len(of_devices[reference][SCALE])), np.nan)
     for u in graph.placed:
@@ -45,12 +60,12 @@ def sureness(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Surene
     return Sureness(joint[np.arange(k), :, np.arange(k)], relative, joint, devices)
 
 
-def carry(graph: AnchoredGraph, walks: Walks, judgement: Judgement, own_height: Array) -> Carried:
+def carry(graph: AnchoredGraph, walks: Walks, sources: Errors, own_height: Array) -> Carried:
     """What is known of everybody beside the reference's last keyframe, for a graph that begins at the last ones.
 
     `own_height` (k,) m: how high SLAM itself has each last keyframe, its jumps not mended.
     """
-    errors, of_devices = _errors(graph, walks, judgement)
+    errors, of_devices = sources
     now, reference = graph.last_poses(walks), graph.reference
     above = np.exp(walks.device[:, SCALE]) * own_height
     to_reference = rotation_2d(-float(now[reference, 3]))
@@ -66,11 +81,8 @@ def carry(graph: AnchoredGraph, walks: Walks, judgement: Judgement, own_height: 
     return Carried(list(graph.placed), reference, frames, walks.device.copy(), root @ root.T)
 
 
-def _errors(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> tuple[dict[int, Array], dict[int, Array]]:
-    """Of each user (5, d): what d independent unit errors do to x, y, z, yaw of its last keyframe and its log scale.
-
-    And (3, d) what they do to its device.
-    """
+def errors_of(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Portions[Errors]:
+    """By Laplace's method."""
     wanted = [
         key
         for u in graph.placed
@@ -78,7 +90,8 @@ def _errors(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> tuple[d
         for key in (keys.pose(u, last), keys.local_height(u, last))
     ]
     bending = graph.bending(walks, judgement)
-    linear = graph.factors(walks.frames, judgement, bending=_shared(graph, bending)).linearize(graph.values(walks))
+    linear = yield from graph.linearizing(walks, judgement, _shared(graph, bending))
+    yield
     others = keys.ordering(list(graph.keyframe_keys(set(wanted))))
     if others.size():
         _, linear = linear.eliminatePartialSequential(others)
@@ -95,7 +108,7 @@ def _errors(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> tuple[d
     errors = {
         u: sum(by @ root[rows_of[key]] for key, by in _last_pose_by_keys(graph, walks, u).items()) for u in graph.placed
     }
-    return errors, {u: root[rows_of[keys.device(u)]] for u in graph.placed}
+    return Errors(errors, {u: root[rows_of[keys.device(u)]] for u in graph.placed})
 
 
 def _shared(graph: AnchoredGraph, bending: Array) -> Array:

@@ -21,7 +21,7 @@ from synchronizar.recording import Recording
 from synchronizar.samples import Samples
 from synchronizar.settled import Settled
 from synchronizar.slips import slips
-from synchronizar.sureness import sureness
+from synchronizar.sureness import Sureness, sureness
 from synchronizar.track import Track
 from synchronizar.verdict import Verdict, nearness, verdicts
 from synchronizar.walks import BIAS, CLOCK, SCALE, Walks, common_track
@@ -50,20 +50,29 @@ class Told(NamedTuple):
     """(k, 3) 1 sigma of log scale, bias (m) and clock (s); NaN where a radio has none."""
 
 
-def tell(minima: list[Settled], smooth: Recording, model: Model, registered: Collection[int] = ()) -> Told:
-    """States, and how sure the best placement is; `registered` are users that were so before."""
+def tell(
+    minima: list[Settled],
+    smooth: Recording,
+    model: Model,
+    registered: Collection[int] = (),
+    sure: Sureness | None = None,
+) -> Told:
+    """States, and how sure the best placement is; `registered` are users that were so before.
+
+    `sure` is how sure the best minimum is, where that is known.
+    """
     best = minima[0]
     graph, walks = best.graph, best.walks
     weight, honest = graph.honest(walks, best.judgement)
-    sure = sureness(graph, walks, best.judgement)
+    if sure is None:
+        sure = sureness(graph, walks, best.judgement)
     devices = np.where(_static(smooth)[:, None] & (np.arange(3) != BIAS), np.nan, sure.devices)
     corners = _corners(smooth, graph, walks)
-    told = placements(
-        minima,
-        lambda s: (sure if s.graph is graph else sureness(s.graph, s.walks, s.judgement)).relative,
-        corners,
-        model,
-    )
+
+    def relative(s: Settled) -> Array:
+        return (sure if s is best else sureness(s.graph, s.walks, s.judgement)).relative
+
+    told = placements(minima, relative, corners, model)
     fit = {u: Misfit(1.0, _rejected(graph.samples, honest, u)) for u in graph.free}
     said = [
         _with_device(v, devices[u], model) for u, v in enumerate(verdicts(told, fit, graph, corners, model, registered))

@@ -15,10 +15,11 @@ from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.jumps import mend
 from synchronizar.keyframes import keyframes_of
 from synchronizar.model import Model
+from synchronizar.portions import finish
 from synchronizar.recording import Recording
 from synchronizar.samples import samples_of
 from synchronizar.simulate import Scene, Simulation, simulate
-from synchronizar.sureness import carry, sureness
+from synchronizar.sureness import carry, errors_of, sureness
 from synchronizar.track import Track
 from synchronizar.walks import Walks
 
@@ -254,7 +255,7 @@ def test_two_halves_of_a_walk_end_where_the_whole_does_and_as_sure(seed: int) ->
 
     first = graph_of(cut(recording, -np.inf, HALF))
     walks, of_first = solved(first, first.begin(true_frames(simulation, first)))
-    carried = carry(first, walks, of_first, own_heights(first))
+    carried = carry(first, walks, finish(errors_of(first, walks, of_first)), own_heights(first))
     second = graph_of(cut(recording, HALF, np.inf), carried)
     assert len(first.samples) + len(second.samples) > 0.97 * len(whole.samples)
     found, of_second = solved(second, second.begin(carried.frames, carried.device))
@@ -282,7 +283,7 @@ def test_its_covariance_is_that_of_the_whole_graph() -> None:
     graph = graph_of(simulation.recording)
     walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 4)
     judgement = replace(judgement, worth=np.full(len(graph.samples), 0.5))
-    carried = carry(graph, walks, judgement, own_heights(graph))
+    carried = carry(graph, walks, finish(errors_of(graph, walks, judgement)), own_heights(graph))
     values, ordering = graph.values(walks), graph.ordering()
     information = honest_information(graph, walks, judgement)
     size = np.sqrt(np.diag(information))

@@ -230,7 +230,8 @@ def test_what_came_later_changes_nothing_that_was_known_before() -> None:
     )
     whole, first = replay(recording, "phone0"), replay(before, "phone0")
     assert len(first.updates) < len(whole.updates)
-    for one, other in zip(whole.updates, first.updates, strict=False):
+    # At its end a replay solves for all that came, due or not.
+    for one, other in zip(whole.updates, first.updates[:-1], strict=False):
         assert (one.t, one.events) == (other.t, other.events)
         assert {name: user.state for name, user in one.users.items()} == {
             name: user.state for name, user in other.users.items()
