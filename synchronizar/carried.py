@@ -16,6 +16,7 @@ import numpy as np
 from synchronizar import keys
 from synchronizar.arrays import Array
 from synchronizar.geometry import relative_to, rotation_2d, wrap_angle
+from synchronizar.walks import CLOCK
 
 Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
 
@@ -53,6 +54,13 @@ class Carried(NamedTuple):
         frames = self.frames.copy()
         frames[list(users)] = np.nan
         return left._replace(frames=frames, covariance=self.covariance[np.ix_(at, at)])
+
+    def aged(self, clock_variance: float) -> Carried:
+        """The same after a while in which every clock may have drifted: by so much, s^2."""
+        covariance = self.covariance.copy()
+        clocks = 4 * len(self.free) + 3 * np.arange(len(self.users)) + CLOCK
+        covariance[clocks, clocks] += clock_variance
+        return self._replace(covariance=covariance)
 
     def beside(self, reference: int) -> Carried:
         """The same beside another user that is carried: errors are turned and moved with it."""

@@ -31,6 +31,7 @@ from synchronizar.jumps import Mended, mend
 from synchronizar.memory import Checkpoint, Memory, beginning, load, save
 from synchronizar.model import Model
 from synchronizar.outcome import Outcome
+from synchronizar.placement import places
 from synchronizar.portions import Portions, finish
 from synchronizar.recording import Recording
 from synchronizar.registration import State
@@ -48,6 +49,7 @@ from synchronizar.window import Window
 _NO_MORE = object()
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _RECENT_WALK = 1.0  # s: in which somebody's way shows
+_PARTING = 0.25  # of the largest error: minima that are further apart at some corner of a walk may part
 _SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
 
 
@@ -67,6 +69,7 @@ class Estimator:
         self._work: Portions[None] | None = None
         self._searched, self._searching = -np.inf, True
         self._near = np.zeros(len(self.users))
+        self._since_steady: dict[int, float] = {}
 
     def save(self, path: str | Path) -> None:
         """Write all that it knows to a file. Raises InputError where that cannot be."""
@@ -79,7 +82,7 @@ class Estimator:
         out = cls.__new__(cls)
         out._begin_with(*load(path), model or Model())
         if np.isfinite(out.memory.solved):
-            out._begin_to_solve()
+            out._begin_to_solve(True)
             out._finish()
         return out
 
@@ -110,7 +113,7 @@ class Estimator:
         self._at(t)
         self._finish()
         if self.stream.added != self.memory.seen:
-            self._begin_to_solve()
+            self._begin_to_solve(True)
             self._finish()
         return self._tell()
 
@@ -120,10 +123,10 @@ class Estimator:
             return
         if self._work is None or self._search_due():
             self._finish()
-            self._begin_to_solve()
+            self._begin_to_solve(self._search_due() or self._check_due())
 
-    def _begin_to_solve(self) -> None:
-        self._searching = self._search_due()
+    def _begin_to_solve(self, searching: bool) -> None:
+        self._searching = searching
         if self._searching:
             self._searched = self.memory.now
         self.memory.seen, self.memory.solved = self.stream.added, self.memory.now
@@ -208,6 +211,10 @@ class Estimator:
     def _search_due(self) -> bool:
         return bool(self._unknown()) and self.memory.now >= self._next_search()
 
+    def _check_due(self) -> bool:
+        """Whether those that are known are to be looked at anew, with what else might explain their ranges."""
+        return not self._unknown() and self.memory.now >= self._searched + self.model.check_interval
+
     def _next_search(self) -> float:
         """Those whose place is not known are looked for ever more seldom."""
         looked = self._searched - min(self.memory.since[u] for u in self._unknown())
@@ -246,7 +253,7 @@ class Estimator:
         samples = samples_of(smooth, m)
         placed = connected(samples, len(self.users), memory.gauge)
         self._part(placed)
-        last = None if searching else self._last()
+        last = None if searching and self._unknown() else self._last()
         if last is not None:
             placed = [u for u in placed if u in last.graph.placed]
         samples = samples[np.isin(samples.i, placed) & np.isin(samples.j, placed)]
@@ -255,19 +262,20 @@ class Estimator:
         carried = _of(begin.carried, placed, memory.known)
         window = Window(smooth, mended, samples, placed, memory.gauge, carried, memory.noise, memory.worth)
         yield
-        minima, noise = yield from window.minima(last, m)
+        minima, noise = yield from window.minima(last, searching, m)
         yield
         memory.noise, memory.worth = noise, float(minima[0].judgement.worth.mean())
         best = minima[0]
         errors = yield from errors_of(best.graph, best.walks, best.judgement)
         sure = sureness_of(best.graph, best.walks, errors)
+        before = self.solution
         self.solution = self._told(begin, stretch, smooth, mended, minima, noise, sure)
         yield
-        self._judge(placed if searching else [u for u in placed if u in memory.known], now)
+        self._judge(placed if searching else [u for u in placed if u in memory.known], now, before)
         self._remember(stretch, errors, now)
-        self._cues, before = {}, self._cues
+        self._cues, cues = {}, self._cues
         for u in placed:
-            cue = self._cue(u, before.get(u))
+            cue = self._cue(u, cues.get(u))
             if cue is not None:
                 self._cues[u] = cue
 
@@ -327,8 +335,8 @@ class Estimator:
         told = tell(minima, smooth, self.model, self._registered(), sure)
         return Solution(begin, stretch, minima, told, common, axes, noise)
 
-    def _judge(self, placed: list[int], now: float) -> None:
-        """New states, and what changed."""
+    def _judge(self, placed: list[int], now: float, before: Solution | None) -> None:
+        """New states, and what changed; `before` is the solution before this one."""
         assert self.solution is not None
         self._near[placed] = self.solution.told.progress[placed]
         said, rejected = self.solution.told.said, self._rejected(now)
@@ -341,11 +349,36 @@ class Estimator:
                 self.memory.known.discard(u)
                 self.memory.since[u] = now
                 state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges do not fit"
-            elif state is State.REGISTERED:
-                self.memory.known.add(u)
+            elif state is not State.REGISTERED:
+                self._since_steady.pop(u, None)
+            elif u in self.memory.known or self._is_steady(u, rejected[u], now, before):
+                (self.memory.known.add if self._is_single(u) else self.memory.known.discard)(u)
+            else:
+                state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges are late: it is watched on"
             if state is not self.state(u):
                 self._untold.append(f"{self.users[u].name}: {state}: {reason}")
             self.memory.states[u] = state
+
+    def _is_steady(self, user: int, rejected: float, now: float, before: Solution | None) -> bool:
+        """Whether who seems registered has stayed in its place for long enough, where many of its ranges are late."""
+        solution, last, m = self.solution, self.stream.last_pose(user), self.model
+        assert solution is not None
+        if rejected <= m.watched_share:
+            return True
+        since = self._since_steady.setdefault(user, now)
+        if last is not None and before is not None:
+            here, there = (s.pose(user, last[1:4], _IDENTITY)[0] for s in (solution, before))
+            turn = abs(wrap_angle(float(solution.placed[user, 3] - before.placed[user, 3])))
+            if not (np.linalg.norm(here - there) < 0.5 * m.largest_error and turn < 0.5 * m.largest_yaw_error):
+                since = self._since_steady[user] = now
+        return now - since >= m.watched_duration
+
+    def _is_single(self, user: int) -> bool:
+        """Whether one minimum alone is left for a user: of two that are still near only searches see both part."""
+        assert self.solution is not None
+        told = self.solution.told
+        where = np.array([places(m.frames, told.corners)[user, :, :2] for m in told.placements[0].minima_of(user)])
+        return bool(np.linalg.norm(where - where[0], axis=2).max() < _PARTING * self.model.largest_error)
 
     def _rejected(self, now: float) -> Array:
         """(k,) the share of each user's latest ranges that are taken for late or worse."""
@@ -366,6 +399,7 @@ class Estimator:
         best = solution.minima[0]
         unknown = {u for u in best.graph.placed if u not in self.memory.known}
         carried = carry(best.graph, best.walks, errors, stretch.last[:, 2]).without(unknown)
+        carried = carried.aged(self.model.clock_walk**2 * float(np.ptp(best.graph.samples.t)))
         reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
         reference[2] -= solution.scale(self.memory.gauge) * stretch.last[self.memory.gauge, 2]
         spread = solution.covariances[self.memory.gauge, :4, :4]

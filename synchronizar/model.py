@@ -68,6 +68,9 @@ class Model:
     """s, of each device's clock against that of the ranges;"""
     clock_common_sigma: float = 0.07
     """and of all: the ranges' own delay."""
+    clock_walk: float = 1e-4
+    """s, in a second's root: while people walk. Two quartz clocks that are 20 millionths apart lose 20 us each second,
+    which this follows with a lag of some ms."""
     device_tail: float = 20.0
     """Degrees of freedom of Student's t, as which all of these are distributed: most devices are fine, some are not."""
 
@@ -147,6 +150,8 @@ class Model:
     """s: what is older is carried as a Gaussian, once all are registered (a fixed lag)."""
     search_least: float = 0.5
     """s between two searches for a user who has just come,"""
+    check_interval: float = 20.0
+    """s: when all are known, how often other placements near theirs, and mirror images, are looked at again."""
     search_growth: float = 0.05
     """and this share of the time for which it has been looked for already."""
     recent: float = 10.0
@@ -165,5 +170,9 @@ class Model:
     """A user is registered when the probability that its placement is wrong is below this."""
     wrong_share_kept: float = 0.05
     """A user that was registered stays so while it is below this: nobody is told something else every second."""
+    watched_share: float = 0.1
+    """While people walk: a user more of whose last ranges are late is registered when its place has stayed"""
+    watched_duration: float = 2.0
+    """for so long (s): what a burst of late ranges says is soon contradicted."""
     largest_rejected: float = 0.75
     """A user of whose ranges more are rejected is not registered."""

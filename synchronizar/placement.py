@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Mask
 from synchronizar.geometry import apply_frames, difference, wrap_angle
 from synchronizar.model import Model
 
@@ -26,7 +26,10 @@ class Minimum(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """A joint placement and its uncertainty: minima that are all but the same are one."""
+    """A joint placement and its uncertainty: minima that are all but the same are one.
+
+    Who is all but the same in all joint placements has the mean and covariance over the minima of all of them.
+    """
 
     cost: float
     """Negative log likelihood of its best minimum."""
@@ -35,6 +38,16 @@ class Placement(NamedTuple):
     covariances: Array
     """(k, 4, 4) about that mean, of additive errors in x, y, z (m, common axes) and yaw (rad)."""
     minima: list[Minimum]
+    of_all: list[Minimum] | None = None
+    """The minima of all joint placements, where there are others."""
+    settled: Mask | None = None
+    """(k,) who is all but the same in all of them."""
+
+    def minima_of(self, user: int) -> list[Minimum]:
+        """Those that matter for a user."""
+        return (
+            self.of_all if self.of_all is not None and self.settled is not None and self.settled[user] else self.minima
+        )
 
 
 class _Candidate(Protocol):
@@ -64,28 +77,56 @@ def placements(minima: Sequence[M], covariances: Callable[[M], Array], corners: 
                 break
         else:
             groups.append([s])
-    return [_merge(group, covariances) for group in groups]
+    apart = [_merge([_laplace(s, covariances) for s in _distinct(group)]) for group in groups]
+    return apart if len(apart) == 1 else _pooled(apart, corners, model)
 
 
-def _merge(group: list[M], covariances: Callable[[M], Array]) -> Placement:
-    """The mixture of Gaussians about the minima that do not repeat each other, and its first two moments."""
-    best = group[0]
-    distinct = [best]
+def _distinct(group: list[M]) -> list[M]:
+    """Those that do not repeat each other."""
+    out = group[:1]
     for s in group[1:]:
-        if all(np.nanmax(np.abs(difference(s.frames, d.frames))) > SAME for d in distinct):
-            distinct.append(s)
-    within = np.array([covariances(s) for s in distinct])
-    log_weight = np.array([-s.cost for s in distinct])
+        if all(np.nanmax(np.abs(difference(s.frames, d.frames))) > SAME for d in out):
+            out.append(s)
+    return out
+
+
+def _laplace(s: M, covariances: Callable[[M], Array]) -> tuple[float, Minimum]:
+    """Its cost, and the Gaussian about it."""
+    return s.cost, Minimum(1.0, s.frames, covariances(s))
+
+
+def _merge(gaussians: list[tuple[float, Minimum]]) -> Placement:
+    """Their mixture, weighed by what they cost, the best one first; its first two moments."""
+    best = gaussians[0][1]
+    log_weight = -np.array([cost for cost, _ in gaussians])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    away = np.array([difference(s.frames, best.frames) for s in distinct])
+    away = np.array([difference(m.frames, best.frames) for _, m in gaussians])
+    within = np.array([m.covariances for _, m in gaussians])
     mean = np.einsum("m,mkc->kc", weight, away)
     spread = away - mean
     covariance = np.einsum("m,mkcd->kcd", weight, within) + np.einsum("m,mkc,mkd->kcd", weight, spread, spread)
     frames = best.frames + mean
     frames[:, 3] = wrap_angle(frames[:, 3])
-    found = [Minimum(float(w), s.frames, c) for w, s, c in zip(weight, distinct, within, strict=True)]
-    return Placement(best.cost, frames, covariance, found)
+    minima = [m._replace(weight=float(w)) for w, (_, m) in zip(weight, gaussians, strict=True)]
+    return Placement(gaussians[0][0], frames, covariance, minima)
+
+
+def _pooled(apart: list[Placement], corners: Array, model: Model) -> list[Placement]:
+    """The same; those who are near in all of them as all of them have it."""
+    of_all = _merge([(p.cost - np.log(m.weight / p.minima[0].weight), m) for p in apart for m in p.minima])
+    best = of_all.minima[0]
+    away = np.nanmax([moved(m.frames, best.frames, corners) for m in of_all.minima], axis=0)
+    near = np.asarray(away < model.largest_error)
+    return [
+        p._replace(
+            frames=np.where(near[:, None], of_all.frames, p.frames),
+            covariances=np.where(near[:, None, None], of_all.covariances, p.covariances),
+            of_all=of_all.minima,
+            settled=near,
+        )
+        for p in apart
+    ]
 
 
 def moved(frames: Array, others: Array, corners: Array) -> Array:

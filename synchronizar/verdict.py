@@ -124,7 +124,7 @@ def _wrong(best: Placement, user: int, corners: Array, model: Model) -> tuple[fl
     own = corners[None]
     here = places(best.frames[[user]], own)
     plane = height = heading = 0.0
-    for minimum in best.minima:
+    for minimum in best.minima_of(user):
         frames, covariance = minimum.frames[[user]], minimum.covariances[user]
         off = (places(frames, own) - here)[0]
         away = max(limit - float(np.hypot(off[:, 0], off[:, 1]).max()), 0.0)

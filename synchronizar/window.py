@@ -12,12 +12,11 @@ from synchronizar.carried import Carried
 from synchronizar.full import keyframes_of_all, solve
 from synchronizar.initialise import Hypothesis, extend
 from synchronizar.jumps import Mended
-from synchronizar.keyframes import Keyframes
 from synchronizar.model import Model
 from synchronizar.portions import Portions
 from synchronizar.recording import Recording
 from synchronizar.samples import Samples
-from synchronizar.settled import Settled, compare, measured, settle_all
+from synchronizar.settled import Settled, compare, settle_all
 from synchronizar.spans import coarse_interval, ties
 from synchronizar.walks import Walks, interpolated
 
@@ -43,10 +42,11 @@ class Window:
     worth: float
     """Of a range, as it was found before."""
 
-    def minima(self, last: Settled | None, model: Model) -> Portions[tuple[list[Settled], Array]]:
+    def minima(self, last: Settled | None, others: bool, model: Model) -> Portions[tuple[list[Settled], Array]]:
         """Best first, and how noisy each SLAM is taken to be.
 
-        `last` is the solution of a window that began where this one does, of all that are in this one.
+        `last` is the solution of a window that began where this one does, of all that are in this one. From it, or from
+        what is carried, all are followed; `others` says to look also for other minima near, and for mirror images.
         """
         if self.carried is None and last is None:
             solved = solve(self.smooth, self.mended, self.gauge, model)
@@ -58,19 +58,23 @@ class Window:
         graph = AnchoredGraph(self.smooth, self.samples, keyframes, self.placed, self.gauge, model, self.carried)
         yield
         if last is not None:
-            return (yield from _followed(graph, last.walks, last.graph.keyframes, self.worth)), self.noise
-        carried = self.carried
-        assert carried is not None
-        begun = graph.begin(carried.frames, carried.device)
-        if set(self.placed) <= set(carried.users):
-            return (yield from _followed(graph, begun, keyframes, self.worth)), self.noise
-        found = settle_all(graph, _joined(graph, begun, carried, model), model)
-        return compare(found, measured(found[0]), model), self.noise
+            starts = [interpolated(last.walks, last.graph.keyframes, keyframes)]
+        else:
+            carried = self.carried
+            assert carried is not None
+            begun = graph.begin(carried.frames, carried.device)
+            known = set(self.placed) <= set(carried.users)
+            starts = [begun] if known else _joined(graph, begun, carried, model)
+            others = others or not known
+        if not others:
+            return (yield from _followed(graph, starts[0], self.worth)), self.noise
+        found = settle_all(graph, starts, model)
+        (best,) = yield from _followed(graph, found[0].walks, self.worth)
+        return compare(found, best, model), self.noise
 
 
-def _followed(graph: AnchoredGraph, walks: Walks, keyframes: list[Keyframes], worth: float) -> Portions[list[Settled]]:
-    """The minimum that walks lead to, which are known at these keyframes; ranges were worth so much before."""
-    walks = interpolated(walks, keyframes, graph.keyframes)
+def _followed(graph: AnchoredGraph, walks: Walks, worth: float) -> Portions[list[Settled]]:
+    """The minimum that walks lead to; ranges were worth so much before."""
     before = replace(graph.first_judgement(), worth=np.full(len(graph.samples), worth))
     walks, judgement, _ = yield from graph.settling(walks, before, 1, steps_a_round=_STEPS)
     yield

@@ -318,3 +318,15 @@ def test_its_covariance_is_that_of_the_whole_graph() -> None:
     np.testing.assert_allclose(
         carried.covariance / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=1e-5
     )
+
+
+def test_clocks_that_may_have_drifted_are_known_less_and_nothing_else_is() -> None:
+    simulation = simulate(SCENE)
+    graph = graph_of(simulation.recording)
+    walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 4)
+    carried = carry(graph, walks, finish(errors_of(graph, walks, judgement)), own_heights(graph))
+    more = carried.aged(4e-6).covariance - carried.covariance
+    clocks = [2 * 4 + 3 * u + 2 for u in range(3)]
+    np.testing.assert_allclose(np.diag(more)[clocks], 4e-6, rtol=1e-6)
+    more[clocks, clocks] = 0.0
+    np.testing.assert_array_equal(more, np.zeros_like(more))

@@ -176,24 +176,24 @@ def test_at_the_end_all_are_registered_near_the_truth(seed: int) -> None:
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.6
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_at_the_end_it_says_what_the_batch_solve_says(seed: int) -> None:
-    """Both stop when what is left to gain in likelihood is small: heights, which are flat, agree less well."""
-    scene = replace(NOISY, seed=seed)
-    told, recording = walked(scene), simulated(scene).recording
-    batch = register(recording, REFERENCE)
-    for u, sigma in enumerate(sigmas(told), 1):
-        name = recording.users[u].name
-        found, expected, last = (
-            told.estimator.frame(u),
-            batch.users[name].common_from_user,
-            recording.tracks[name].position[-1],
-        )
-        assert found is not None
-        assert expected is not None
-        assert (np.abs(found @ last - expected @ last) < np.array([0.25, 0.25, 0.6]) * sigma[:3]).all()
-        assert abs(wrap_angle(found.yaw - expected.yaw)) < 0.25 * sigma[3]
-        assert told.estimator.state(u) is batch.users[name].state
+def test_at_the_end_it_says_what_the_batch_solve_says() -> None:
+    """Within a tenth of a sigma, heights within three; which ranges are late has a second answer now and then."""
+    apart = []
+    for seed in range(4):
+        scene = replace(NOISY, seed=seed)
+        told, recording = walked(scene), simulated(scene).recording
+        batch = register(recording, REFERENCE)
+        for u, sigma in enumerate(sigmas(told), 1):
+            name = recording.users[u].name
+            found, expected = told.estimator.frame(u), batch.users[name].common_from_user
+            last = recording.tracks[name].position[-1]
+            assert found is not None
+            assert expected is not None
+            away = [*(found @ last - expected @ last), wrap_angle(found.yaw - expected.yaw)]
+            apart.append(np.abs(away) / sigma)
+            assert told.estimator.state(u) is batch.users[name].state
+    assert (np.array(apart) < 1.0).all()
+    assert (np.array(apart) < [0.1, 0.1, 0.3, 0.1]).all(axis=1).sum() >= 6
 
 
 def test_a_frame_lays_poses_where_slam_followed_since_has_them() -> None:
@@ -286,6 +286,22 @@ def test_who_comes_late_joins_and_moves_the_others_by_no_more_than_they_may_be_o
 
 
 @cache
+def test_two_groups_become_one_where_a_chain_of_ranges_ties_them() -> None:
+    """Two pairs range among themselves; from 8 s on one of each hears one of the other."""
+    simulation = simulated(replace(CLEAN, users=4))
+    recording, r = simulation.recording, simulation.recording.ranges
+    across = (r.a < 2) != (r.b < 2)
+    tied = (np.minimum(r.a, r.b) == 1) & (np.maximum(r.a, r.b) == 2) & (r.t > 8.0)
+    recording = replace(recording, ranges=r.select(~across | tied))
+    told = feed(recording, messages(recording))
+    before = [states for states, t in zip(told.states, told.t, strict=True) if t < 8.0]
+    assert all(states[2] is State.DISCONNECTED is states[3] for states in before)
+    assert told.first(2, State.REGISTERED) < 18.0
+    assert told.first(3, State.REGISTERED) < 18.0
+    assert told.states[-1] == [State.REGISTERED] * 4
+    assert (np.abs(errors(told, simulation)) < 4.0 * sigmas(told)).all()
+
+
 def left() -> Told:
     """The last user ranges no more after 10 s; its SLAM goes on."""
     recording = simulated(CLEAN).recording

@@ -197,3 +197,24 @@ def test_without_ranges_nothing_counts() -> None:
     none = one_pair(0)
     assert found(none, np.zeros(0)).shape == (0,)
     assert worth_before(none, MODEL).shape == (0,)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.2, 0.5])
+def test_where_some_ranges_are_late_the_others_are_worth_less(late: float) -> None:
+    n = 100_000
+    samples, noise = one_pair(n), np.random.default_rng(1).normal(size=n)
+    weight = np.where(np.random.default_rng(2).random(n) < late, 0.0, 1.0)
+    ratio = inside(found(samples, noise, weight=weight)) / inside(found(samples, noise))
+    np.testing.assert_allclose(ratio, 1.0 / (1.0 + 4.0 * late * (1.0 - late)), rtol=0.05)
+
+
+def test_pairs_are_late_by_their_own_ranges_as_far_as_they_have_any() -> None:
+    t = np.arange(2000) / HZ
+    samples, noise = samples_of_pairs([t, t, t[:1]]), np.random.default_rng(1).normal(size=4001)
+    weight = np.ones(4001)
+    weight[:1000] = 0.0
+    counts = found(samples, noise, weight=weight) / found(samples, noise)
+    assert counts[1500] == pytest.approx(0.5, rel=0.1)
+    assert counts[3000] > 0.9
+    # One range of its own, all others' share: a quarter is late.
+    assert counts[4000] == pytest.approx(1.0 / 1.75, rel=0.1)
