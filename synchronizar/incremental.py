@@ -49,6 +49,7 @@ from synchronizar.window import Window
 _NO_MORE = object()
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _RECENT_WALK = 1.0  # s: in which somebody's way shows
+_WATCHED_AT = 0.9  # of the progress: while a user is watched
 _PARTING = 0.25  # of the largest error: minima that are further apart at some corner of a walk may part
 _SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
 
@@ -69,7 +70,6 @@ class Estimator:
         self._work: Portions[None] | None = None
         self._searched, self._searching = -np.inf, True
         self._near = np.zeros(len(self.users))
-        self._since_steady: dict[int, float] = {}
 
     def save(self, path: str | Path) -> None:
         """Write all that it knows to a file. Raises InputError where that cannot be."""
@@ -350,27 +350,34 @@ class Estimator:
                 self.memory.since[u] = now
                 state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges do not fit"
             elif state is not State.REGISTERED:
-                self._since_steady.pop(u, None)
-            elif u in self.memory.known or self._is_steady(u, rejected[u], now, before):
-                (self.memory.known.add if self._is_single(u) else self.memory.known.discard)(u)
+                self.memory.steady.pop(u, None)
+            elif self.state(u) is State.REGISTERED or self._is_steady(u, rejected[u], now, before):
+                since = self.memory.registered.setdefault(u, now)
+                proven = u in self.memory.known or now - since >= self.model.proven_duration
+                (self.memory.known.add if proven and self._is_single(u) else self.memory.known.discard)(u)
             else:
-                state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges are late: it is watched on"
+                self._near[u] *= _WATCHED_AT
+                state, reason = State.UNOBSERVABLE, "its place is known, if it stays there: it is watched on"
+            if state is not State.REGISTERED:
+                self.memory.registered.pop(u, None)
             if state is not self.state(u):
                 self._untold.append(f"{self.users[u].name}: {state}: {reason}")
             self.memory.states[u] = state
 
     def _is_steady(self, user: int, rejected: float, now: float, before: Solution | None) -> bool:
-        """Whether who seems registered has stayed in its place for long enough, where many of its ranges are late."""
+        """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are late."""
         solution, last, m = self.solution, self.stream.last_pose(user), self.model
         assert solution is not None
+        if now - self.memory.since[user] < m.least_duration:
+            return False
         if rejected <= m.watched_share:
             return True
-        since = self._since_steady.setdefault(user, now)
+        since = self.memory.steady.setdefault(user, now)
         if last is not None and before is not None:
             here, there = (s.pose(user, last[1:4], _IDENTITY)[0] for s in (solution, before))
             turn = abs(wrap_angle(float(solution.placed[user, 3] - before.placed[user, 3])))
             if not (np.linalg.norm(here - there) < 0.5 * m.largest_error and turn < 0.5 * m.largest_yaw_error):
-                since = self._since_steady[user] = now
+                since = self.memory.steady[user] = now
         return now - since >= m.watched_duration
 
     def _is_single(self, user: int) -> bool:

@@ -80,6 +80,10 @@ class Memory:
     since: dict[int, float] = field(default_factory=dict)
     """s: each user's first range since it came."""
     states: dict[int, State] = field(default_factory=dict)
+    steady: dict[int, float] = field(default_factory=dict)
+    """s: since when who is watched has stayed in its place,"""
+    registered: dict[int, float] = field(default_factory=dict)
+    """and since when who is registered has been so."""
     worth: float = 1.0
     """As how many independent ranges each counted on average."""
     now: float = -np.inf
@@ -121,7 +125,7 @@ def save(path: str | Path, stream: Stream, memory: Memory) -> None:
         "stream": [stream.added, stream.faults],
         "checkpoints": said,
         "known": sorted(memory.known),
-        "since": sorted(memory.since.items()),
+        **{name: sorted(getattr(memory, name).items()) for name in _TIMES},
         "states": sorted((u, str(state)) for u, state in memory.states.items()),
         "numbers": [getattr(memory, name) for name in _NUMBERS],
     }
@@ -130,6 +134,7 @@ def save(path: str | Path, stream: Stream, memory: Memory) -> None:
         np.savez(out, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
 
 
+_TIMES = ("since", "steady", "registered")
 _NUMBERS = ("reference", "gauge", "worth", "now", "solved", "seen")
 
 
@@ -166,7 +171,9 @@ def _read(arrays: dict[str, Any]) -> tuple[Stream, Memory]:
         checkpoints=checkpoints,
         known=set(header["known"]),
         noise=arrays["noise"],
-        since=dict(header["since"]),
         states={u: State(state) for u, state in header["states"]},
+        since=dict(header["since"]),
+        steady=dict(header["steady"]),
+        registered=dict(header["registered"]),
         **dict(zip(_NUMBERS, header["numbers"], strict=True)),
     )

@@ -170,9 +170,13 @@ class Model:
     """A user is registered when the probability that its placement is wrong is below this."""
     wrong_share_kept: float = 0.05
     """A user that was registered stays so while it is below this: nobody is told something else every second."""
-    watched_share: float = 0.1
-    """While people walk: a user more of whose last ranges are late is registered when its place has stayed"""
+    least_duration: float = 3.0
+    """s: while people walk nobody is registered sooner after the first range; few places of a walk prove little."""
+    watched_share: float = 0.02
+    """A user more of whose last ranges are late is registered when its place has stayed"""
     watched_duration: float = 2.0
     """for so long (s): what a burst of late ranges says is soon contradicted."""
+    proven_duration: float = 5.0
+    """s: who has been registered for so long is followed; until then other placements are looked for all along."""
     largest_rejected: float = 0.75
     """A user of whose ranges more are rejected is not registered."""

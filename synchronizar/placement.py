@@ -116,7 +116,7 @@ def _pooled(apart: list[Placement], corners: Array, model: Model) -> list[Placem
     """The same; those who are near in all of them as all of them have it."""
     of_all = _merge([(p.cost - np.log(m.weight / p.minima[0].weight), m) for p in apart for m in p.minima])
     best = of_all.minima[0]
-    away = np.nanmax([moved(m.frames, best.frames, corners) for m in of_all.minima], axis=0)
+    away = np.fmax.reduce([moved(m.frames, best.frames, corners) for m in of_all.minima])
     near = np.asarray(away < model.largest_error)
     return [
         p._replace(

@@ -330,7 +330,7 @@ def test_who_leaves_does_not_hold_the_window_back() -> None:
 def test_what_is_kept_does_not_grow_with_the_walk() -> None:
     told = walked(replace(CLEAN, seconds=30.0), SHORT)
     registered = max(told.first(u, State.REGISTERED) for u in (1, 2))
-    settled = registered + SHORT.window + 2.0 * A_SOLVE
+    settled = registered + SHORT.proven_duration + SHORT.window + 2.0 * A_SOLVE
     poses, ranges = np.array([kept for kept, t in zip(told.kept, told.t, strict=True) if t > settled]).T
     # The window, a second before it, the last solve at which it could begin, the one after, and what came since.
     seconds = SHORT.window + 1.0 + 3.0 * A_SOLVE
@@ -385,11 +385,12 @@ def test_a_short_window_ends_about_where_the_whole_does() -> None:
 @pytest.mark.parametrize("name", ["phone0", "phone1"])
 def test_a_jump_in_height_is_forgotten_with_the_window_that_held_it(name: str) -> None:
     """SLAM rises by half a metre at 10 s and its user does not."""
-    recording = simulated(CLEAN).recording
+    scene = replace(CLEAN, seconds=30.0)
+    recording = simulated(scene).recording
     track = recording.tracks[name]
     track = replace(track, position=track.position + np.outer(track.t > 10.0, [0.0, 0.0, 0.5]))
     jumped = replace(recording, tracks={**recording.tracks, name: track})
-    told, smooth = feed(jumped, messages(jumped), SHORT), walked(CLEAN, SHORT)
+    told, smooth = feed(jumped, messages(jumped), SHORT), walked(scene, SHORT)
     for u in range(3):
         heights = []
         for run, of in ((told, jumped), (smooth, recording)):

@@ -62,3 +62,14 @@ def test_who_is_near_in_all_joint_placements_is_told_by_the_mixture_of_all() -> 
     assert [p.frames[2, 0] for p in found] == [2.0, 4.0]
     assert found[0].covariances[2, 0, 0] == pytest.approx(SIGMA[0] ** 2)
     assert len(found[0].minima_of(2)) == 1
+
+
+@pytest.mark.filterwarnings("error")
+def test_who_has_no_placement_is_left_alone() -> None:
+    minima = [candidate(0.0, 1.0, 2.0), candidate(1.0, 1.4, 4.0)]
+    for minimum in minima:
+        minimum.frames[1] = np.nan
+    found = placements(minima, covariances, CORNERS, Model())
+    assert len(found) == 2
+    assert np.isnan(found[0].frames[1]).all()
+    assert [p.frames[2, 0] for p in found] == [2.0, 4.0]
