@@ -1,4 +1,4 @@
-"""Three walkers whose SLAM drifts and jumps, one range in five late: simulated, registered, compared, drawn.
+"""Four walkers whose SLAM drifts and jumps, one range in five late: simulated, registered, compared, drawn.
 
 `python -m experiments.demo [--out demo]` leaves the recording in demo/walk and the answer, with its picture, in
 demo/answer.
@@ -22,7 +22,7 @@ from synchronizar.scene import Scene
 from synchronizar.simulate import Simulation, simulate
 
 SCENE = Scene(
-    users=3,
+    users=4,
     seconds=60.0,
     late_share=0.2,
     scale_sigma=0.1,
