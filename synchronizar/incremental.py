@@ -1,10 +1,11 @@
 """Everybody's frame while people walk: the same graph as the batch solve's, over the recent past, told at any time.
 
-Poses and ranges are added as they come; `advance` solves when it is due. What is too old for the window is carried as a
-Gaussian (carried.py) from where everybody was at its begin, which is always a moment that had been solved up to
-then: no range counts twice. While somebody's place is not known the window reaches back to that user's first range, two
-minutes at most, and the global search of the batch solve looks for it again and again; what was found before is
-never the only start. Once all are known the window is short and followed from the last solution.
+Poses and ranges are added as they come; `advance` goes on with what is to be solved. What is too old for the window is
+carried as a Gaussian (carried.py) from where everybody was at its begin, which is always a moment that had been
+solved up to then: no range counts twice. While somebody's place is not known the window reaches back to that user's
+first range, two minutes at most, and the global search of the batch solve looks for it again and again; what was found
+before is never the only start. Those that are known are followed from the last solution, a portion of the work at each
+update, and checked for other placements now and then.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ class Estimator:
         """It is `t` (s, range clock): go on with what is to be solved. Returns what has happened, a sentence each.
 
         A solve that goes on from the last one is done in some 25 portions of some milliseconds, one at a time; a search
-        for those whose place is not known is done at once.
+        for those whose place is not known is done at once. To be called ten times a second or more often.
         """
         self._at(t)
         if self._searching:

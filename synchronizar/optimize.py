@@ -7,7 +7,10 @@ a step costs n^2. Linearised from here, the factors see the Values that Python h
 from __future__ import annotations
 
 import gtsam
+import numpy as np
 
+from synchronizar import keys
+from synchronizar.arrays import Array
 from synchronizar.factors import Reading
 from synchronizar.portions import Portions, finish
 
@@ -62,7 +65,10 @@ def _optimizing(
         reading.hold(values)
         linear = factors.linearize(values)
         yield
-        step = linear.optimize(ordering)
+        try:
+            step = linear.optimize(ordering)
+        except RuntimeError:  # no step is told from another: where it leads is for the covariance to say
+            return values
         promised = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)
         if promised < gain:
             break
@@ -82,3 +88,14 @@ def _optimizing(
         if gained < gain:
             break
     return values
+
+
+def reduced(linear: gtsam.GaussianFactorGraph, others: list[int], kept: list[int]) -> Array:
+    """The Jacobian by the keys that are kept of a linear system, the others eliminated.
+
+    Raises RuntimeError, as gtsam does, where that is too near to singular for its Cholesky.
+    """
+    if others:
+        _, linear = linear.eliminatePartialSequential(keys.ordering(others))
+    jacobian, _ = linear.jacobian(keys.ordering(kept))
+    return np.asarray(jacobian)

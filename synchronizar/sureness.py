@@ -11,6 +11,7 @@ from synchronizar.anchored import AnchoredGraph, Judgement
 from synchronizar.arrays import Array
 from synchronizar.carried import Carried
 from synchronizar.geometry import relative_to, rotation_2d
+from synchronizar.optimize import reduced
 from synchronizar.portions import Portions, finish
 from synchronizar.samples import pairs
 from synchronizar.walks import SCALE, Walks
@@ -92,11 +93,12 @@ def errors_of(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Porti
     bending = graph.bending(walks, judgement)
     linear = yield from graph.linearizing(walks, judgement, _shared(graph, bending))
     yield
-    others = keys.ordering(list(graph.keyframe_keys(set(wanted))))
-    if others.size():
-        _, linear = linear.eliminatePartialSequential(others)
-    kept = [*graph.shared_keys(), *wanted]
-    jacobian, _ = linear.jacobian(keys.ordering(kept))
+    others, kept = list(graph.keyframe_keys(set(wanted))), [*graph.shared_keys(), *wanted]
+    try:
+        jacobian = reduced(linear, others, kept)
+    except RuntimeError:  # too near to singular for gtsam's Cholesky: all columns then, by the QR below
+        kept = [*kept, *others]
+        jacobian, _ = linear.jacobian(keys.ordering(kept))
     # Columns of unit length, and a QR that never squares them: the system may be nearly singular.
     size = np.linalg.norm(jacobian, axis=0)
     root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]

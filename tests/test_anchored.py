@@ -481,6 +481,21 @@ def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
         np.testing.assert_allclose(sure.devices[u], np.diag(expected[u])[6:], rtol=1e-5)
 
 
+def test_a_system_that_cannot_be_eliminated_is_as_sure_by_all_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = simulate(replace(NOISY, seconds=10.0))
+    graph = graph_of(simulation.recording)
+    walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 3)
+    expected = sureness(graph, walks, judgement)
+
+    def throw(*_: object) -> Array:
+        raise RuntimeError("Indeterminate linear system")
+
+    monkeypatch.setattr("synchronizar.sureness.reduced", throw)
+    found = sureness(graph, walks, judgement)
+    np.testing.assert_allclose(found.joint, expected.joint, rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(found.devices, expected.devices, rtol=1e-4)
+
+
 def test_the_last_pose_lies_where_the_track_ends() -> None:
     simulation = simulate(NOISY)
     graph = graph_of(simulation.recording)
