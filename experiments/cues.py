@@ -19,12 +19,13 @@ from experiments.results import FOLDER, write_table
 from experiments.walks import on_all_cores
 from synchronizar.arrays import Array
 from synchronizar.cues import Cue
-from synchronizar.geometry import YawFrame, yaw_quaternion
+from synchronizar.geometry import YawFrame, wrap_angle, yaw_quaternion
 from synchronizar.incremental import Estimator
 from synchronizar.user import User
 
 WAYS = ("free", "side by side", "cues")
 AREA_M, SPEED_M_S, BESIDE_M = 6.0, 1.0, 1.0
+TURN_RAD_S = 3.0
 HEIGHT_M, HEIGHT_SPREAD_M = 1.4, 0.1
 POSES_HZ, UPDATES_HZ = 30, 10
 RANGES_HZ = 1000.0 / (80.0 + 21.0)
@@ -66,9 +67,10 @@ class Walker:
         if np.linalg.norm(to) < ARRIVED_M:
             self.target = self.anywhere()
             to = self.target - self.place[:2]
-        self.heading = float(np.arctan2(to[1], to[0]))
-        way = min(SPEED_M_S * seconds, float(np.linalg.norm(to)))
-        self.place[:2] += way * np.array([np.cos(self.heading), np.sin(self.heading)])
+        most = TURN_RAD_S * seconds
+        self.heading += float(np.clip(wrap_angle(float(np.arctan2(to[1], to[0])) - self.heading), -most, most))
+        length = float(np.linalg.norm(to))
+        self.place[:2] += min(SPEED_M_S * seconds, length) / length * to
 
     def goes(self, way: float, length: float) -> None:
         """From here in a direction (rad, in the room), as far as the walls let it."""
