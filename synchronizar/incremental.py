@@ -99,7 +99,7 @@ class Estimator:
     def advance(self, t: float) -> list[str]:
         """It is `t` (s, range clock): go on with what is to be solved. Returns what has happened, a sentence each.
 
-        A solve that goes on from the last one is done in some 25 portions of some milliseconds, one at a time; a search
+        A solve that goes on from the last one is done in some thirty portions of a few milliseconds each; a search
         for those whose place is not known is done at once. To be called ten times a second or more often.
         """
         self._at(t)
@@ -311,7 +311,8 @@ class Estimator:
         for u in gone:
             self.memory.states[u] = State.DISCONNECTED
             self.memory.known.discard(u)
-            self.memory.since.pop(u, None)
+            for times in (self.memory.since, self.memory.steady, self.memory.registered):
+                times.pop(u, None)
             self._untold.append(f"{self.users[u].name}: {State.DISCONNECTED}: no chain of ranges leads to it any more")
 
     def _told(
@@ -349,6 +350,7 @@ class Estimator:
             if u in self.memory.known and rejected[u] > self.model.largest_rejected:
                 self.memory.known.discard(u)
                 self.memory.since[u] = now
+                self.memory.steady.pop(u, None)
                 state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges do not fit"
             elif state is not State.REGISTERED:
                 self.memory.steady.pop(u, None)

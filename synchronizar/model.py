@@ -150,10 +150,10 @@ class Model:
     """s: what is older is carried as a Gaussian, once all are registered (a fixed lag)."""
     search_least: float = 0.5
     """s between two searches for a user who has just come,"""
-    check_interval: float = 30.0
-    """s: when all are known, how often other placements near theirs, and mirror images, are looked at again."""
     search_growth: float = 0.05
     """and this share of the time for which it has been looked for already."""
+    check_interval: float = 30.0
+    """s: when all are known, how often other placements near theirs, and mirror images, are looked at again."""
     recent: float = 10.0
     """s: a user of whose ranges too many do not fit in so long is looked for again."""
 

@@ -45,9 +45,9 @@ class Placement(NamedTuple):
 
     def minima_of(self, user: int) -> list[Minimum]:
         """Those that matter for a user."""
-        return (
-            self.of_all if self.of_all is not None and self.settled is not None and self.settled[user] else self.minima
-        )
+        if self.of_all is None or self.settled is None or not self.settled[user]:
+            return self.minima
+        return self.of_all
 
 
 class _Candidate(Protocol):

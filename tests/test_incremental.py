@@ -431,3 +431,14 @@ def test_whoever_is_registered_has_a_frame(run: Callable[[], Told]) -> None:
         for state, frame in zip(states[1:], frames[1:], strict=True):
             assert state is not State.REGISTERED or frame is not None
             assert state is not State.DISCONNECTED or frame is None
+
+
+def test_who_left_is_judged_anew_when_it_returns() -> None:
+    """How long it had stayed in its place, and been registered, before it went says nothing of where it is now."""
+    told = left()
+    memory = told.estimator.memory
+    assert told.first(2, State.REGISTERED) < 10.0
+    assert 2 not in memory.since
+    assert 2 not in memory.steady
+    assert 2 not in memory.registered
+    assert 1 in memory.registered
