@@ -3,7 +3,8 @@
 `python -m experiments.cues [--seeds 60]`: two people, ranges with 0.1 m at the paper's rate, nothing wrong with their
 devices. The first walks freely from place to place of a room of 6 m; the second walks freely too, or beside the first
 (1 m to its left), or as the cues say: at most once a second it takes the one that there is, turned into its own
-frame by what is known of it (as an arrow on its screen would be), and walks that way, as far as walls let it. The walk
+frame by what is known of it (as an arrow on its screen would be), and walks that way, as far as walls let it. They
+begin anywhere, or 1 m apart, as those who walk side by side do: who is near is placed sooner. The walk
 goes on until it is registered, for 30 s at most. The figure draws who is registered when.
 """
 
@@ -23,7 +24,14 @@ from synchronizar.geometry import YawFrame, wrap_angle, yaw_quaternion
 from synchronizar.incremental import Estimator
 from synchronizar.user import User
 
-WAYS = ("free", "side by side", "cues")
+WAYS = {
+    "free": "-C0",
+    "cues": "--C1",
+    "free, from 1 m apart": "-C2",
+    "cues, from 1 m apart": "--C3",
+    "side by side": ":C4",
+}
+"""And how they are drawn."""
 AREA_M, SPEED_M_S, BESIDE_M = 6.0, 1.0, 1.0
 TURN_RAD_S = 3.0
 HEIGHT_M, HEIGHT_SPREAD_M = 1.4, 0.1
@@ -88,7 +96,7 @@ def walk(task: tuple[str, int]) -> Walked:
     way, seed = task
     people, radio = np.random.default_rng(seed).spawn(2)
     walkers = [Walker(r) for r in people.spawn(2)]
-    if way == "side by side":
+    if way not in ("free", "cues"):
         _beside(walkers)
         walkers[OTHER].world_from_user = YawFrame(
             *walkers[OTHER].place.tolist(), yaw=walkers[OTHER].world_from_user.yaw
@@ -115,7 +123,7 @@ def walk(task: tuple[str, int]) -> Walked:
         if estimator.is_registered(OTHER):
             return Walked(way, t, _off(estimator, walkers))
         cue = estimator.cue(OTHER)
-        if way == "cues" and cue is not None and t > heard + LISTENS_S:
+        if way.startswith("cues") and cue is not None and t > heard + LISTENS_S:
             heard = t
             walkers[OTHER].goes(_in_the_room(cue, estimator, walkers[OTHER]), cue.length)
     return Walked(way, np.inf, np.nan)
@@ -170,7 +178,7 @@ def _row(way: str, walked: list[Walked]) -> dict[str, Any]:
 def _draw(walked: list[Walked]) -> None:
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     ax = figure.add_subplot()
-    for way, style in zip(WAYS, ("-", ":", "--"), strict=True):
+    for way, style in WAYS.items():
         seconds = np.sort([w.seconds for w in walked if w.way == way])
         share = np.arange(1, len(seconds) + 1) / len(seconds)
         known = np.isfinite(seconds)

@@ -4,15 +4,17 @@
 
 Free walks of 20 s (sigma 0.1 m, every pair at 1000 / (80 + 21 (k - 1)) Hz, nothing wrong with anybody's device) are
 replayed: when each user is first registered, and the error of its place (in the plane, against the truth, beside
-the reference) whenever it is. Recordings: when users were registered, the error of their causal tracks beside
-the reference's after the first minute, and how far the place at the end is from that of `register`. `--long` minutes
-of four users: how long updates take.
+the reference) whenever it is; and when 95 % of all placements are within 0.15 m of the truth
+in the plane, beside when those of maximum likelihood are, which starts at the truth and trusts SLAM. Recordings: when
+users were registered, the error of their causal tracks beside the reference's after the first minute, and how far the
+place at the end is from that of `register`. `--long` minutes of four users: how long updates take.
 """
 
 from __future__ import annotations
 
 import argparse
 import resource
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,19 +22,24 @@ import numpy as np
 
 from experiments.full_oracle import common_from_world
 from experiments.results import write_table
-from experiments.walks import on_all_cores
+from experiments.walks import on_all_cores, oracle
+from synchronizar.arrays import Array
 from synchronizar.evaluate import align, match, read_tracks
+from synchronizar.geometry import YawFrame
+from synchronizar.model import Model
 from synchronizar.pipeline import register
 from synchronizar.recording import Recording
 from synchronizar.registration import State
 from synchronizar.replay import Replay, replay
 from synchronizar.scene import Scene
-from synchronizar.simulate import simulate
+from synchronizar.simulate import Simulation, simulate
 
 SECONDS = 20.0
 MINUTE = 60.0
 OFF = 0.6
 WITHIN = 10.0
+PLACED, SHARE = 0.15, 0.95
+MOMENTS = np.arange(3.0, SECONDS, 0.5)
 
 
 class Walk(NamedTuple):
@@ -44,6 +51,10 @@ class Walk(NamedTuple):
     """How many users were registered at some time while off by more than 0.6 m."""
     errors: list[float]
     """m in the plane, of each user at the end."""
+    off: Array
+    """(moments, k - 1) m in the plane, of each user's frame; infinity before it has one."""
+    best: Array
+    """(moments, k - 1) the same of maximum likelihood on the ranges until then."""
     seconds: list[float]
     """How long each update took."""
 
@@ -56,25 +67,41 @@ def walk(scene: Scene) -> Walk:
     reference = played.registration.reference
     to_common = common_from_world(simulation, reference)
     began, first, wrong, errors = _began(recording), [], 0, []
+    best = np.array([_best(simulation, reference, began + t) for t in MOMENTS.tolist()])
+    until = np.searchsorted([u.t - began for u in played.updates], MOMENTS, side="right") - 1
+    off_by_user = []
     for user in recording.users:
         if user.name == reference:
             continue
         true = to_common @ simulation.world_from_user[user.name]
         told = [(u.t - began, u.users[user.name]) for u in played.updates]
-        registered = [(t, of) for t, of in told if of.state is State.REGISTERED and of.common_from_user is not None]
+        registered = [(t, of) for t, of in told if of.state is State.REGISTERED]
         first.append(registered[0][0] if registered else np.inf)
-        off = [
-            float(np.hypot(*(of.common_from_user.translation - true.translation)[:2]))
-            for _, of in told
-            if of.common_from_user is not None
-        ]
-        errors.append(off[-1] if off else np.inf)
-        wrong += any(
-            float(np.hypot(*(of.common_from_user.translation - true.translation)[:2])) > OFF
-            for _, of in registered
-            if of.common_from_user is not None
-        )
-    return Walk(first, wrong, errors, [u.seconds for u in played.updates])
+        off = np.array([_off(of.common_from_user, true) for _, of in told])
+        errors.append(float(off[-1]))
+        off_by_user.append(off[until])
+        wrong += any(_off(of.common_from_user, true) > OFF for _, of in registered)
+    return Walk(first, wrong, errors, np.array(off_by_user).T, best, [u.seconds for u in played.updates])
+
+
+def _off(found: YawFrame | None, true: YawFrame) -> float:
+    return np.inf if found is None else float(np.hypot(*(found.translation - true.translation)[:2]))
+
+
+def _best(simulation: Simulation, reference: str, until: float) -> Array:
+    """(k - 1,) m."""
+    kept = simulation.recording.ranges.t <= until
+    recording = replace(simulation.recording, ranges=simulation.recording.ranges.select(kept))
+    part = replace(simulation, recording=recording, late=simulation.late[kept], extra=simulation.extra[kept])
+    error = np.delete(oracle(part, reference, Model()).error, recording.index(reference), axis=0)
+    return np.asarray(np.hypot(error[:, 0], error[:, 1]))
+
+
+def _placed_after(off: list[Array]) -> float:
+    """Seconds until `SHARE` of all users are within `PLACED`, and remain so."""
+    near = np.quantile(np.concatenate(off, axis=1), SHARE, axis=1, method="higher") < PLACED
+    late = np.flatnonzero(~near)
+    return float(np.append(MOMENTS, np.inf)[late[-1] + 1 if len(late) else 0])
 
 
 def walks_row(users: int, walks: list[Walk]) -> dict[str, Any]:
@@ -88,6 +115,8 @@ def walks_row(users: int, walks: list[Walk]) -> dict[str, Any]:
         "95th percentile": float(np.quantile(first, 0.95, method="higher")),
         "registered by 10 s": float((first <= WITHIN).mean()),
         "ever registered and off > 0.6 m": sum(w.wrong for w in walks),
+        f"s until {SHARE:.0%} within {PLACED} m": _placed_after([w.off for w in walks]),
+        "of maximum likelihood": _placed_after([w.best for w in walks]),
         "median error at the end": float(np.median(np.concatenate([w.errors for w in walks]))),
         **_times(seconds),
     }

@@ -182,7 +182,7 @@ class AnchoredGraph:
         squares = np.zeros((len(self.users) + 1, 3))
         squares[self._new] = ((walks.device[self._new] - kind) / own) ** 2
         squares[-1] = (kind / common) ** 2
-        return _student(squares, self.model.device_tail, 1)
+        return _student(squares, device_tails(self.model), 1)
 
     def _kind(self, walks: Walks, device_weight: Array) -> Array:
         """(3,) the most likely common part of the devices, by weights (k + 1, 3)."""
@@ -412,14 +412,19 @@ def device_sigmas(model: Model) -> tuple[Array, Array]:
     return own, np.array([m.scale_common_sigma, m.bias_common_sigma, m.clock_common_sigma])
 
 
-def _student(squares: Array, freedom: float, dimension: int) -> tuple[Array, float]:
+def device_tails(model: Model) -> Array:
+    """Degrees of freedom (3,) of Student's t, as which they are distributed."""
+    return np.array([model.scale_tail, model.bias_tail, model.clock_tail])
+
+
+def _student(squares: Array, freedom: Array | float, dimension: int) -> tuple[Array, float]:
     """Of Student's t, given squared distances in units of sigma: the weights of its scale mixture, and its cost.
 
     Scaled so that it bends at 0 like the normal with that sigma: what is smooth because it was solved for, with smaller
     squares than noise has, must not pass for less noise than there is.
     """
     f = freedom + dimension
-    return f / (f + squares), float(0.5 * f * np.log1p(squares / f).sum())
+    return f / (f + squares), float((0.5 * f * np.log1p(squares / f)).sum())
 
 
 def _links(recording: Recording, samples: Samples) -> Indices:

@@ -40,14 +40,15 @@ class Model:
     # What SLAM, radios and clocks do wrong, unless they are trusted
     keyframe_interval: float = 1.0
     """s: how often a pose of its own is estimated; in between SLAM's steps are taken as they are."""
-    drift_m_per_sqrt_s: float = 0.01
+    drift_m_per_sqrt_s: float = 0.007
     """SLAM's random walk, on each axis, also of a device that stands still;"""
-    drift_m_per_sqrt_m: float = 0.017
-    """and by the way it goes: 0.02 m in the first second of walking (Kim et al., Sensors 22(24), 2022, of ARKit)."""
-    drift_rad_per_sqrt_s: float = 0.005
+    drift_m_per_sqrt_m: float = 0.012
+    """and by the way it goes: 0.014 m in the first second of walking, between the 0.02 m of Kim et al. (Sensors 22(24),
+    2022, of ARKit) and what recordings with a truth show, 0.002 to 0.02 m."""
+    drift_rad_per_sqrt_s: float = 0.0035
     """The same of its heading;"""
-    drift_rad_per_sqrt_m: float = 0.0085
-    """and by the way: 0.01 rad in the first second of walking."""
+    drift_rad_per_sqrt_m: float = 0.006
+    """and by the way: 0.007 rad in the first second of walking, between 0.01 rad and 0.001 to 0.007 rad."""
     drift_tail: float = 5.0
     """Degrees of freedom of Student's t, as which steps are distributed: a tracker that slips is no Gaussian."""
     drift_weight: float = 20.0
@@ -56,23 +57,28 @@ class Model:
     """How well a step is known that was rebuilt from its neighbours, because SLAM jumped,"""
     jump_sigma_rad: float = 0.1
     """and the turn within it."""
-    scale_sigma: float = 0.07
-    """Of log scale, of each device: visual-inertial odometry of small robots was seen to be 13 to 20 % off;"""
-    scale_common_sigma: float = 0.07
-    """and of what all have in common, since devices that walk together are mostly of a kind."""
+    scale_sigma: float = 0.02
+    """Of log scale, of each device: phones and headsets are metric to a percent or two,"""
+    scale_common_sigma: float = 0.08
+    """and of what all have in common, since devices that walk together are mostly of a kind;"""
+    scale_tail: float = 2.0
+    """degrees of freedom of Student's t, as which both are distributed: visual-inertial odometry of small robots was
+    seen to be 13 to 20 % off, and a tracker without an accelerometer knows no scale at all."""
     bias_sigma: float = 0.05
     """m, of each radio: an antenna delay that is off by 0.2 ns is worth 0.05 m;"""
     bias_common_sigma: float = 0.03
-    """and of all: one delay that is set for the whole kind."""
-    clock_sigma: float = 0.07
+    """and of all: one delay that is set for the whole kind;"""
+    bias_tail: float = 20.0
+    """of these: with longer tails a radio that is seen from one side only trades bias for distance."""
+    clock_sigma: float = 0.04
     """s, of each device's clock against that of the ranges;"""
-    clock_common_sigma: float = 0.07
-    """and of all: the ranges' own delay."""
+    clock_common_sigma: float = 0.04
+    """and of all: the ranges' own delay;"""
+    clock_tail: float = 3.0
+    """of these: most are set by a network, to some ms, and stamp at once; some are off by 0.15 s."""
     clock_walk: float = 1e-4
     """s, in a second's root: while people walk. Two quartz clocks that are 20 millionths apart lose 20 us each second,
     which this follows with a lag of some ms."""
-    device_tail: float = 20.0
-    """Degrees of freedom of Student's t, as which all of these are distributed: most devices are fine, some are not."""
 
     # How the errors of successive ranges hang together
     multipath_sigma: float = 0.15

@@ -8,7 +8,7 @@ import pytest
 from solver_scenes import honest_information, pair_bending
 
 from synchronizar._core import judge, judge_bursts
-from synchronizar.anchored import AnchoredGraph, Judgement, device_sigmas
+from synchronizar.anchored import AnchoredGraph, Judgement, device_sigmas, device_tails
 from synchronizar.arrays import Array
 from synchronizar.geometry import YawFrame, apply_frames, wrap_angle
 from synchronizar.graph import late_loss
@@ -193,9 +193,9 @@ def test_the_judged_cost_is_that_of_bursts_of_students_steps_and_of_the_priors()
     own, common = device_sigmas(MODEL)
     kind = walks.device.sum(axis=0) / own**2 / (3.0 / own**2 + 1.0 / common**2)
     squares = np.vstack([((walks.device - kind) / own) ** 2, (kind / common) ** 2])
-    f = MODEL.device_tail + 1.0
-    np.testing.assert_allclose(judgement.device_weight, f / (f + squares), rtol=1e-10)
-    expected += 0.5 * f * np.log1p(squares / f).sum() + height_cost(graph, walks)
+    tails = device_tails(MODEL) + 1.0
+    np.testing.assert_allclose(judgement.device_weight, tails / (tails + squares), rtol=1e-10)
+    expected += (0.5 * tails * np.log1p(squares / tails)).sum() + height_cost(graph, walks)
     assert cost == pytest.approx(expected, rel=1e-10)
     np.testing.assert_array_equal(judgement.worth, before.worth)
 
@@ -338,7 +338,7 @@ def test_what_is_settled_costs_no_more_than_what_it_began_with() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
-    ("column", "planted", "informed"), [(SCALE, 0.12, 0.02), (BIAS, 0.1, 0.03), (CLOCK, 0.1, 0.025)]
+    ("column", "planted", "informed"), [(SCALE, 0.12, 0.025), (BIAS, 0.1, 0.03), (CLOCK, 0.1, 0.025)]
 )
 def test_what_is_wrong_with_a_device_is_found(seed: int, column: int, planted: float, informed: float) -> None:
     """Of the second of three users; `informed`: it is known better than the prior knows it."""

@@ -57,7 +57,7 @@ def test_scale_bias_and_clock_are_told_within_their_sigmas(users: int, radios: i
         assert user.clock_offset is not None
         assert abs(user.clock_offset - simulation.clock_offset[name]) < 4.0 * sigma.clock_offset
         assert sigma.scale < 0.03  # much less than the prior's: the ranges told it
-        assert sigma.clock_offset < 0.03
+        assert sigma.clock_offset < 0.8 * np.hypot(MODEL.clock_sigma, MODEL.clock_common_sigma)
     assert joint_ate_xy(registration, simulation) < 0.1
 
 
@@ -414,9 +414,10 @@ def all_ranged(tracks: Mapping[str, Track | None]) -> Recording:
 
 
 def test_a_device_that_stands_still_does_not_tell_its_heading_scale_and_clock() -> None:
+    """What it has in common with the others they tell; by how much it differs nobody does."""
     registration = register(all_ranged({"a": walker(1), "b": walker(2), "c": STILL}))
     still = registration.users["c"]
-    assert {"yaw", "scale", "clock_offset"} <= set(still.prior_dominated)
+    assert {"yaw", "clock_offset"} <= set(still.prior_dominated)
     assert still.state is State.UNOBSERVABLE
     assert "heading" in still.reason
     assert still.unseen_direction is not None
@@ -424,7 +425,7 @@ def test_a_device_that_stands_still_does_not_tell_its_heading_scale_and_clock() 
     assert abs(still.unseen_direction[3]) > 0.9
     assert still.clock_offset is not None  # a device all the same: it has a clock
     assert still.device_sigma is not None
-    assert still.device_sigma.scale > 0.7 * np.hypot(MODEL.scale_sigma, MODEL.scale_common_sigma)
+    assert still.device_sigma.scale > 0.9 * MODEL.scale_sigma
     assert not {"yaw", "scale", "clock_offset"} & set(registration.users["b"].prior_dominated)
 
 

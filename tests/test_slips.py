@@ -63,7 +63,9 @@ def test_a_heading_that_slips_is_put_right_and_told(seed: int, turn: float) -> N
     jumps = registration.users["phone1"].jumps
     assert jumps
     middle = SLIP_BEGINS + 0.5 * SLIP_LASTS
-    assert max(abs(jump.t - middle) for jump in jumps) < 3.0
+    largest = max(jumps, key=lambda jump: abs(jump.turn))
+    assert abs(largest.t - middle) < 3.0
+    assert max(abs(jump.t - middle) for jump in jumps) < 6.0  # when a part of it began few ranges tell
     assert sum(jump.turn for jump in jumps) == pytest.approx(turn, abs=0.3)
     for jump in jumps:
         assert recording.tracks["phone1"].t[jump.pose] == jump.t
