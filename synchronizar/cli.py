@@ -73,9 +73,14 @@ def _parser() -> argparse.ArgumentParser:
     register.add_argument("--json", action="store_true", help="print registration.json instead of a table")
     register.add_argument("--reference", metavar="USER", help="whose frame the common one is")
     register.add_argument(
-        "--model", choices=["full", "rigid"], default="full", help="what may be wrong with SLAM and radios"
+        "--model", choices=["full", "rigid"], help="what may be wrong with SLAM and radios [full; pairwise: rigid]"
     )
-    register.add_argument("--method", choices=["joint"], default="joint", help="all users at once")
+    register.add_argument(
+        "--method",
+        choices=["joint", "pairwise"],
+        default="joint",
+        help="all users at once, or two at a time as in the paper [joint]",
+    )
     register.set_defaults(command=_register)
 
     replay = commands.add_parser(
@@ -201,12 +206,19 @@ def _is_recording(folder: Path) -> bool:
 
 
 def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
+    if options.method == "pairwise" and options.model == "full":
+        raise InputError("--model", "the pairwise method trusts SLAM: it has no full model")
     recording, loaded = _loaded(options.recording)
     _progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
-    from synchronizar.pipeline import register
-
     with _solvable(options.recording):
-        registration = register(recording, reference=options.reference, kind=options.model)
+        if options.method == "pairwise":
+            from synchronizar.pairwise import register_pairwise
+
+            registration = register_pairwise(recording, options.reference)
+        else:
+            from synchronizar.pipeline import register
+
+            registration = register(recording, options.reference, kind=options.model or "full")
     return recording, replace(registration, seconds={**registration.seconds, "load": loaded})
 
 

@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "synchronizar"
 FLOORS = (
     {"errors", "arrays"},
     {"geometry"},
-    {"track", "ranges", "user"},
+    {"track", "ranges", "user", "pairwise_solve"},
     {"formats", "formats.text"},
     {"formats.tum", "formats.ranges_csv"},
     {"formats.recording_toml"},
@@ -40,7 +40,7 @@ FLOORS = (
     {"rigid", "spans", "told", "cues"},
     {"full"},
     {"pipeline", "stream"},
-    {"memory"},
+    {"memory", "pairwise"},
     {"window", "solution"},
     {"incremental"},
     {"replay"},
@@ -64,6 +64,7 @@ ALONE_WITH = {
         *("plots.walks", "plots.residuals", "plots.corrections", "plots.estimates", "plots.jump_list", "plots.pairs"),
         *("plots.picture", "plots.devices", "plots.timeline", "plots.files"),
     },
+    "scipy": {"pairwise_solve"},
     "gtsam": {"factors", "graph", "batch", "optimize", "keys", "carried", "anchored", "step_noise"},
 }
 

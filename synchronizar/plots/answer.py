@@ -131,7 +131,9 @@ def _registration(said: Mapping[str, Any], recording: Recording, verdicts: Range
         model=str(said["model"]),
         method=str(said["method"]),
         users={
-            user.name: _user(user.name, recording.tracks.get(user.name), said["users"][user.name])
+            user.name: _user(
+                user.name, recording.tracks.get(user.name), said["users"][user.name], said["method"] != "pairwise"
+            )
             for user in recording.users
         },
         alternatives=tuple(
@@ -143,10 +145,11 @@ def _registration(said: Mapping[str, Any], recording: Recording, verdicts: Range
     )
 
 
-def _user(name: str, slam: Track | None, said: Mapping[str, Any]) -> UserRegistration:
-    """What is said of a user; one without a track of its own is a static radio."""
+def _user(name: str, slam: Track | None, said: Mapping[str, Any], sure: bool) -> UserRegistration:
+    """What is said of a user; one without a track of its own is a static radio. `sure`: who is placed has a covariance."""
     state, covariance, unseen = State(said["state"]), said["covariance"], said.get("unseen_direction")
-    if (said["x"] is None or covariance is None) != (state is State.DISCONNECTED):
+    placed = state is not State.DISCONNECTED
+    if (said["x"] is not None) != placed or (covariance is not None) != (placed and sure):
         raise ValueError(state)
     sigma, clock_offset, noise = said["sigma"], said["clock_offset"], said["slam_noise"]
     return UserRegistration(
