@@ -5,7 +5,9 @@ BIN := $(VENV)/bin
 CORE := CMakeLists.txt $(wildcard factors/*)
 CTEST := build/ctest
 
-.PHONY: demo test lint bench clean
+STUDIES := sampling_space distance sample_count
+
+.PHONY: demo test lint bench experiments clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m experiments.demo --out demo
@@ -23,6 +25,10 @@ lint: $(VENV)/linted-with $(CTEST)/built
 
 bench: $(VENV)/installed
 	$(BIN)/python -m experiments.bench
+
+# Quickly; at the paper's size with `make experiments SIZE=--full`.
+experiments: $(VENV)/tested-with
+	@for study in $(STUDIES); do echo "== $$study"; $(BIN)/python -m experiments.$$study $(SIZE) || exit 1; done
 
 clean:
 	rm -rf $(VENV) build demo

@@ -146,7 +146,7 @@ def _registration(said: Mapping[str, Any], recording: Recording, verdicts: Range
 
 
 def _user(name: str, slam: Track | None, said: Mapping[str, Any], sure: bool) -> UserRegistration:
-    """What is said of a user; one without a track of its own is a static radio. `sure`: who is placed has a covariance."""
+    """What is said of a user; one without a track is a static radio. `sure`: who is placed has a covariance."""
     state, covariance, unseen = State(said["state"]), said["covariance"], said.get("unseen_direction")
     placed = state is not State.DISCONNECTED
     if (said["x"] is not None) != placed or (covariance is not None) != (placed and sure):

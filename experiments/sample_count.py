@@ -1,0 +1,75 @@
+"""How many samples are enough, and how long solvers take.
+
+`python -m experiments.sample_count [--full] [--seed N] [--scheduler ADDRESS]`: users 6 m apart, boxes 1.6 m wide,
+heights 1.2 to 1.8 m (see experiments/boxes.py), 10 to 1000 samples. The paper took 100 of them, which
+its solver had done within 0.15 s. Times are medians, of tasks that are done on all cores at once: compare them within
+one run.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from experiments.boxes import METHODS, Boxes, Task, by_cell, errors, rows_of
+from experiments.study import figure, interval, options_of, points, results_of, rms, save
+
+COUNTS = (10, 20, 50, 100, 200, 500, 1000)
+BOXES = Boxes(1.6, 1.2, 1.8, 6.0)
+REPEATS, TRANSFORMS = 10, 100
+QUICK = 3
+"""Times fewer repeats and transforms."""
+PAPER_COUNT, PAPER_SECONDS = 100, 0.15
+
+
+def main() -> None:
+    """Table and figure."""
+    options, began = options_of(__doc__), perf_counter()
+    few = 1 if options.full else QUICK
+    repeats, transforms = REPEATS // few, TRANSFORMS // few
+    tasks = [Task(BOXES, count, n, transforms, options.seed) for count in COUNTS for n in range(repeats)]
+    found = results_of(errors, tasks, options)
+    rows: list[dict[str, Any]] = []
+    made, axes = figure(columns=3)
+    labels = {"place": "translation, RMSE (m)", "yaw": "rotation, RMSE (rad)", "seconds": "solver, median (ms)"}
+    for ax, (measure, label) in zip(axes[0], labels.items(), strict=True):
+        for method in METHODS:
+            if measure == "seconds":
+                taken = [
+                    np.concatenate([of[method].seconds for of in _of(found, n, repeats)]) for n in range(len(COUNTS))
+                ]
+                told = [interval(1e3 * of, lambda values: float(np.median(values))) for of in taken]
+            else:
+                told = [interval(of, rms) for of in by_cell(found, repeats, method, measure)]
+            points(ax, np.array(COUNTS), told, method)
+        ax.set(xlabel="samples", ylabel=label, xscale="log", yscale="log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_minor_formatter(NullFormatter())
+    axes[0, 2].plot(PAPER_COUNT, 1e3 * PAPER_SECONDS, "x", color="grey", label="the paper's bound")
+    axes[0, 2].legend()
+    for n, count in enumerate(COUNTS):
+        of_count = _of(found, n, repeats)
+        for row in rows_of([BOXES], of_count, repeats):
+            seconds = np.concatenate([of[row["method"]].seconds for of in of_count])
+            wrong = np.concatenate([np.abs(of[row["method"]].yaw) > 0.5 for of in of_count])
+            rows.append(
+                {
+                    "samples": count,
+                    **row,
+                    "median ms": 1e3 * float(np.median(seconds)),
+                    "turned > 0.5 rad": int(wrong.sum()),
+                }
+            )
+    save("sample_count", rows, made, options, began)
+
+
+def _of(found: list[Any], n: int, repeats: int) -> list[Any]:
+    return found[n * repeats : (n + 1) * repeats]
+
+
+if __name__ == "__main__":
+    main()
