@@ -4,8 +4,8 @@ Equation 1 is the general problem: of all rotations R and translations T those w
 w_i (d_i - |x_i - R y_i - T|)^2. Equation 2 is the reduced one: both devices know which way is up, so R turns about the
 vertical alone; heights of all samples are replaced by their averages, and the frames' origins differ in height by 0.1 m
 at most. Both are solved by sequential quadratic programming: scipy's SLSQP stands in for MATLAB's. Where that starts
-the paper does not say; here it starts from the best few of a grid of turns, and of bearings at the mean distance, and
-the best end counts.
+the paper does not say; here it starts from the best few of a grid of turns, bearings and distances, and the best end
+counts.
 """
 
 from __future__ import annotations
@@ -25,7 +25,12 @@ LARGEST_HEIGHT = 0.1
 LEAST_REDUCED, LEAST_GENERAL = 4, 6
 """Samples: as many as there are unknowns."""
 _GRID = 16  # headings, and bearings, of the reduced problem
-_STARTS = 4  # that are followed
+_PARTS = (
+    0.3,
+    0.6,
+    1.0,
+)  # of the mean distance, at which the middles of both walks may lie: people walk about each other
+_STARTS = 8  # that are followed, at most
 _PRECISION = 1e-10
 _ITERATIONS = 200
 _TOUCHING = 1e-9  # m: closer than that a distance has no direction
@@ -113,18 +118,20 @@ def _weights(distance: Array, weight: Array | None, least: int) -> Array:
 
 
 def _starts(x: Array, y: Array, distance: Array, weight: Array) -> list[tuple[float, Array]]:
-    """Heading (rad) and translation (3,) of the best of a grid: y's middle is at mean distance from x's, somewhere."""
+    """Heading (rad) and translation (3,) of the lowest valleys of a grid of headings, bearings and distances."""
     from_x, from_y, far = weight @ x, weight @ y, float(weight @ distance)
     angle = np.arange(_GRID) * (2.0 * np.pi / _GRID)
-    yaw, bearing = (a.ravel() for a in np.meshgrid(angle, angle))
-    level = np.sqrt(max(far**2 - (from_x[2] - from_y[2]) ** 2, 0.0))
+    part, yaw, bearing = (a.ravel() for a in np.meshgrid(_PARTS, angle, angle, indexing="ij"))
     c, s = np.cos(yaw), np.sin(yaw)
     turned = np.stack([c * from_y[0] - s * from_y[1], s * from_y[0] + c * from_y[1]], axis=1)
-    along = from_x[:2] + level * np.stack([np.cos(bearing), np.sin(bearing)], axis=1) - turned
+    along = from_x[:2] + (part * far)[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1) - turned
     ax = x[None, :, 0] - (c[:, None] * y[:, 0] - s[:, None] * y[:, 1]) - along[:, :1]
     ay = x[None, :, 1] - (s[:, None] * y[:, 0] + c[:, None] * y[:, 1]) - along[:, 1:]
     length = np.sqrt(ax**2 + ay**2 + (from_x[2] - from_y[2]) ** 2)
-    best = np.argsort((length - distance) ** 2 @ weight)[:_STARTS]
+    cost = ((length - distance) ** 2 @ weight).reshape(len(_PARTS), _GRID, _GRID)
+    around = [np.roll(cost, (a, b), axis=(1, 2)) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
+    valleys = np.flatnonzero((cost <= np.min(around, axis=0)).ravel())
+    best = valleys[np.argsort(cost.ravel()[valleys])][:_STARTS]
     return [(float(yaw[k]), np.append(along[k], 0.0)) for k in best]
 
 
