@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 CORE := CMakeLists.txt $(wildcard factors/*)
 CTEST := build/ctest
 
-STUDIES := sampling_space distance sample_count
+STUDIES := sampling_space distance sample_count pointing traces sweeps ranges_needed beside_bound beside_recordings
 
 .PHONY: demo test lint bench experiments clean
 

@@ -1,13 +1,13 @@
 """How soon users are registered while they walk, and how true that is then.
 
-`python -m experiments.replays [--walks 60] [--recordings ../shared/recordings] [--long 10]`.
+`python -m experiments.replays [--walks 60] [--recordings ../shared/recordings] [--long 10] [--users 2 4]`.
 
 Free walks of 20 s (sigma 0.1 m, every pair at 1000 / (80 + 21 (k - 1)) Hz, nothing wrong with anybody's device) are
 replayed: when each user is first registered, and the error of its place (in the plane, against the truth, beside
 the reference) whenever it is; and when 95 % of all placements are within 0.15 m of the truth
 in the plane, beside when those of maximum likelihood are, which starts at the truth and trusts SLAM. Recordings: when
 users were registered, the error of their causal tracks beside the reference's after the first minute, and how far the
-place at the end is from that of `register`. `--long` minutes of four users: how long updates take.
+place at the end is from that of `register`. `--long` minutes: how long updates take, and how much memory.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import argparse
 import resource
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,11 +27,12 @@ from experiments.walks import on_all_cores, oracle
 from synchronizar.arrays import Array
 from synchronizar.evaluate import align, match, read_tracks
 from synchronizar.geometry import YawFrame
+from synchronizar.incremental import Estimator
 from synchronizar.model import Model
 from synchronizar.pipeline import register
 from synchronizar.recording import Recording
 from synchronizar.registration import State
-from synchronizar.replay import Replay, replay
+from synchronizar.replay import A_SECOND, Replay, in_time, replay
 from synchronizar.scene import Scene
 from synchronizar.simulate import Simulation, simulate
 
@@ -170,17 +172,33 @@ def _causal(played: Replay, truth: dict[str, Any], reference: str, others: list[
     return float(np.sqrt(np.concatenate(squares).mean())) if squares else None
 
 
-def long_row(minutes: float) -> dict[str, Any]:
-    """Four users, all pairs at 8 Hz, tracks at 30 Hz."""
-    played = replay(simulate(Scene(users=4, seconds=60.0 * minutes, rate_hz=8.0, drift_m_per_sqrt_s=0.01)).recording)
-    seconds = np.array([u.seconds for u in played.updates])
-    quarters = [float(q.sum()) for q in np.array_split(seconds, 4)]
+def long_row(users: int, minutes: float) -> dict[str, Any]:
+    """All pairs at 8 Hz, tracks at 30 Hz, ten updates a second; nothing is kept of what was told."""
+    scene = Scene(users=users, seconds=60.0 * minutes, rate_hz=8.0, drift_m_per_sqrt_s=0.01)
+    recording = simulate(scene).recording
+    names, ranges = [user.name for user in recording.users], recording.ranges
+    estimator = Estimator(recording.users, names[0])
+    seconds, most = [], []
+    for t, user, row in in_time(recording):
+        if t >= (len(seconds) + 1) / A_SECOND:
+            began = perf_counter()
+            estimator.advance(t)
+            seconds.append(perf_counter() - began)
+            most.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)
+        if user >= 0:
+            track = recording.tracks[names[user]]
+            estimator.add_pose(names[user], t, track.position[row], track.quat_xyzw[row])
+        else:
+            estimator.add_range(t, names[ranges.a[row]], names[ranges.b[row]], float(ranges.distance[row]))
+    quarters = [float(q.sum()) for q in np.array_split(np.array(seconds), 4)]
     return {
+        "users": users,
         "minutes": minutes,
-        **_times(seconds),
-        "s in all": float(seconds.sum()),
+        **_times(np.array(seconds)),
+        "times real time": 60.0 * minutes / sum(quarters),
         "last quarter / second": quarters[3] / quarters[1],
-        "GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+        **{f"GB, quarter {n + 1}": float(of[-1]) for n, of in enumerate(np.array_split(np.array(most), 4))},
+        "registered": sum(estimator.is_registered(u) for u in range(users)),
     }
 
 
@@ -212,7 +230,8 @@ def main() -> None:
         folders = sorted(f.parent for f in options.recordings.glob("*/ranges.csv"))
         print(write_table("replays_recordings", [recording_row(folder) for folder in folders], settings))
     if options.long:
-        print(write_table("replays_long", [long_row(options.long)], settings))
+        rows = [long_row(users, options.long) for users in options.users]
+        print(write_table("replays_long", rows, settings))
 
 
 if __name__ == "__main__":
