@@ -57,11 +57,11 @@ class Model:
     """How well a step is known that was rebuilt from its neighbours, because SLAM jumped,"""
     jump_sigma_rad: float = 0.1
     """and the turn within it."""
-    scale_sigma: float = 0.02
-    """Of log scale, of each device: phones and headsets are metric to a percent or two,"""
-    scale_common_sigma: float = 0.08
+    scale_sigma: float = 0.03
+    """Of log scale, of each device: most are metric to a few percent,"""
+    scale_common_sigma: float = 0.07
     """and of what all have in common, since devices that walk together are mostly of a kind;"""
-    scale_tail: float = 2.0
+    scale_tail: float = 3.0
     """degrees of freedom of Student's t, as which both are distributed: visual-inertial odometry of small robots was
     seen to be 13 to 20 % off, and a tracker without an accelerometer knows no scale at all."""
     bias_sigma: float = 0.05
@@ -165,7 +165,8 @@ class Model:
 
     # When the answer is called good
     cost_excluded: float = 7.0
-    """An alternative that is e^-7 times as likely as the best is excluded;"""
+    """An alternative that is e^-7 times as likely as the best is excluded where SLAM is trusted, e^-(7 sqrt(k)) times
+    where the tracks of k devices may be bent by drift;"""
     cost_excluded_late: float = 12.0
     """e^-12 times where signals are late: how they are late is known but roughly."""
     largest_error: float = 0.6
