@@ -1,11 +1,12 @@
 """Two users who each sample a box of the room: what the paper's figures 7 and 8 are about.
 
-Of 3000 places of each user, drawn evenly in its box, and the distances between them (0.1 m of noise, the paper's own
-figure for its radios), some are chosen at random, the partner's places are put into a frame of its own by a random
-transform, and the transform is asked for. A random choice has no path: SLAM is trusted by both methods, and ours is the
-rigid model. What the paper calls the error of a translation is that of the frame's origin, which may be more than ten
-metres from where the partner walks, so it carries the heading's error on a long arm, or else that of the place where
-the partner is; it does not say which. Both are told.
+Each user is at 3000 places, drawn evenly in its box, with distances between them (0.1 m of noise, the paper's own
+figure for its radios). For each of some transforms some of these are chosen at random, the partner's places are put
+into a frame of its own by the transform, and the transform is asked for; each repeat has places and noise of its own.
+(How the paper's 10 repeats, 100 transforms and 3000 samples go together is our reading.) A random choice has no path:
+SLAM is trusted by both methods, and ours is the rigid model. What the paper calls the error of a translation is that of
+the frame's origin, which may be more than ten metres from where the partner walks, so it carries the heading's error on
+a long arm, or else that of the place where the partner is; it does not say which. Both are told.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.study import interval, rms
+from experiments.study import Interval, interval, rms
 from synchronizar.arrays import Array
 from synchronizar.geometry import YawFrame, wrap_angle
+from synchronizar.pairwise import rate_hz
 from synchronizar.pairwise_solve import solve_reduced
 from synchronizar.pipeline import register
 from synchronizar.ranges import Ranges
@@ -30,8 +32,8 @@ MEASURES = ("origin", "place", "z", "yaw")
 DRAWN = 3000
 SIGMA_M = 0.1
 ORIGIN_M, ORIGIN_UP_M = 10.0, 0.2
-STEP_S = 0.101
-"""Between samples: the paper's rate for two."""
+STEP_S = 1.0 / rate_hz(1)
+"""Between samples."""
 
 
 class Boxes(NamedTuple):
@@ -48,7 +50,7 @@ class Boxes(NamedTuple):
 
 
 class Task(NamedTuple):
-    """One choice of samples."""
+    """One repeat."""
 
     boxes: Boxes
     samples: int
@@ -74,11 +76,11 @@ class Errors(NamedTuple):
 def errors(task: Task) -> dict[str, Errors]:
     """By method."""
     cell = [round(1000 * value) for value in task.boxes]
-    drawing = np.random.default_rng([task.seed, *cell])
+    drawing = np.random.default_rng([task.seed, *cell, task.repeat])
     x, y = (_places(drawing, task.boxes) for _ in range(2))
     y[:, 0] += task.boxes.apart
     distance = np.linalg.norm(x - y, axis=1) + SIGMA_M * drawing.standard_normal(DRAWN)
-    chosen = np.random.default_rng([task.seed, *cell, task.samples, task.repeat])
+    chosen = np.random.default_rng([task.seed, *cell, task.repeat, task.samples])
     rows: dict[str, list[tuple[float, ...]]] = {method: [] for method in METHODS}
     for _ in range(task.transforms):
         k = chosen.choice(DRAWN, task.samples, replace=False)
@@ -101,15 +103,21 @@ def by_cell(found: list[dict[str, Errors]], repeats: int, method: str, measure: 
     return np.array([rms(getattr(of[method], measure)) for of in found]).reshape(-1, repeats)
 
 
+def intervals(found: list[dict[str, Errors]], repeats: int, method: str, measure: str) -> list[Interval]:
+    """RMSE of each cell, over all repeats and transforms."""
+    of_cells = np.array([getattr(of[method], measure) for of in found]).reshape(len(found) // repeats, -1)
+    return [interval(of_cell, rms) for of_cell in of_cells]
+
+
 def rows_of(cells: list[Boxes], found: list[dict[str, Errors]], repeats: int) -> list[dict[str, Any]]:
-    """A line for each cell and method: RMSE over all, with intervals over the repeats."""
+    """A line for each cell and method: RMSE with intervals."""
     rows = []
     for n, cell in enumerate(cells):
         for method in METHODS:
             row: dict[str, Any] = {"side m": cell.side, "from m": cell.low, "to m": cell.high, "apart m": cell.apart}
             row |= {"method": method, "n": repeats * len(found[0][method].yaw)}
             for measure in MEASURES:
-                told = interval(by_cell(found, repeats, method, measure)[n], rms)
+                told = intervals(found, repeats, method, measure)[n]
                 row |= {measure: told.value, f"{measure} low": told.low, f"{measure} high": told.high}
             rows.append(row)
     return rows

@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from experiments.study import Interval
 from synchronizar.arrays import Array
 
 SIGNIFICANT = 0.05
@@ -36,12 +37,14 @@ def one_way(groups: Array) -> str:
 
 
 def corrected(groups: Array) -> dict[tuple[int, int], float]:
-    """The p values of t-tests between all pairs of groups (k, n), corrected by Bonferroni."""
+    """The p values of Welch's t-tests between all pairs of groups (k, n), corrected by Bonferroni."""
     from scipy.stats import ttest_ind
     from statsmodels.stats.multitest import multipletests
 
     pairs = list(combinations(range(len(groups)), 2))
-    p = multipletests([ttest_ind(groups[a], groups[b]).pvalue for a, b in pairs], method="bonferroni")[1]
+    p = multipletests([ttest_ind(groups[a], groups[b], equal_var=False).pvalue for a, b in pairs], method="bonferroni")[
+        1
+    ]
     return dict(zip(pairs, p.tolist(), strict=True))
 
 
@@ -53,7 +56,8 @@ def pairs_told(groups: Array, values: Sequence[float]) -> str:
     )
 
 
-def claim(what: str, found: float, bound: float, unit: str) -> str:
-    """Whether what the paper says to be below a bound is."""
-    said = "reproduced" if found < bound else "NOT reproduced"
-    return f"{what}: at most {found:.3f} {unit}, the paper below {bound} {unit}: {said}"
+def claim(what: str, found: Interval, bound: float, unit: str) -> str:
+    """Whether what the paper says to be below a bound is: with its whole interval, in part, or not."""
+    said = "reproduced" if found.high < bound else "NOT reproduced" if found.low > bound else "undecided"
+    told = f"{found.value:.3f} ({found.low:.3f} to {found.high:.3f}) {unit}"
+    return f"{what}: {told}, the paper below {bound} {unit}: {said}"

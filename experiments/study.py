@@ -44,12 +44,18 @@ COLUMN_INCHES, WIDE_INCHES = 3.4, 7.0
 """One and two columns of a journal."""
 
 
-def options_of(doc: str | None, argv: Sequence[str] | None = None) -> argparse.Namespace:
-    """The options of every study."""
+def options_of(
+    doc: str | None,
+    argv: Sequence[str] | None = None,
+    add: Callable[[argparse.ArgumentParser], None] | None = None,
+) -> argparse.Namespace:
+    """The options of every study, and those that one of them adds."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="the paper's size")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the tasks")
+    if add is not None:
+        add(parser)
     return parser.parse_args(argv)
 
 
@@ -122,8 +128,22 @@ def figure(columns: int = 1, rows: int = 1, wide: bool = True, height: float = 2
     return made, axes
 
 
-def save(name: str, rows: list[dict[str, Any]], made: Figure, options: argparse.Namespace, began: float) -> None:
-    """Write NAME.csv, NAME.json with the settings and NAME.png; print the table. `began` by perf_counter."""
+def save(
+    name: str,
+    rows: list[dict[str, Any]],
+    made: Figure,
+    options: argparse.Namespace,
+    began: float,
+    said: Sequence[str] = (),
+) -> None:
+    """Write NAME.csv, NAME.json with the settings, NAME.txt with what is said of them and NAME.png; print all.
+
+    A full run's have _full in their names. `began` by perf_counter.
+    """
+    if options.full:
+        name += "_full"
     print(write_table(name, rows, vars(options) | {"seconds": round(perf_counter() - began, 1)}))
+    print("\n".join(said))
+    (FOLDER / f"{name}.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
     made.savefig(FOLDER / f"{name}.png", dpi=200)
     print(f"{FOLDER / name}.png")

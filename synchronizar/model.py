@@ -168,7 +168,7 @@ class Model:
     """An alternative that is e^-7 times as likely as the best is excluded where SLAM is trusted, e^-(7 sqrt(k)) times
     where the tracks of k devices may be bent by drift;"""
     cost_excluded_late: float = 12.0
-    """e^-12 times where signals are late: how they are late is known but roughly."""
+    """e^-12 times, or less, where signals are late: how they are late is known but roughly."""
     largest_error: float = 0.6
     """A placement that is off by more than this, anywhere on the user's own walk, is wrong."""
     largest_yaw_error: float = 0.5

@@ -4,7 +4,8 @@ A newcomer registers with one user of those who are there already, the one with 
 lies beside the others follows by composition (the paper's equation 3). SLAM is trusted, every range is taken for
 honest, and there is no word on how sure the answer is. Samples are taken as the paper's modules take them: at
 1000 / (80 + 21 n) Hz for n partners, the newest range with the running average of the newest positions. Over how many
-the paper does not say; here over those since the last sample.
+the paper does not say; here over those since the last sample. Nor does it say of antennas, whose lever arms are
+added here.
 """
 
 from __future__ import annotations
@@ -21,8 +22,7 @@ from synchronizar.pairwise_solve import LEAST_REDUCED, solve_reduced
 from synchronizar.pipeline import reference_of
 from synchronizar.recording import Recording
 from synchronizar.registration import RangeVerdicts, Registration, State, UserRegistration
-from synchronizar.samples import samples_of
-from synchronizar.track import Track
+from synchronizar.samples import pairs, samples_of
 
 
 def rate_hz(partners: int) -> float:
@@ -83,38 +83,31 @@ def register_pairwise(recording: Recording, reference: str | None = None, model:
 def pair_samples(recording: Recording, model: Model) -> dict[tuple[int, int], PairSamples]:
     """The samples of all pairs i < j, taken at the paper's rate for as many partners as there are others."""
     period = 1.0 / rate_hz(len(recording.users) - 1)
-    ranges = recording.ranges
-    usable = np.isfinite(ranges.distance)
-    usable[usable] = (ranges.distance[usable] >= model.shortest_range) & (
-        ranges.distance[usable] <= model.longest_range
-    )
-    first, second = np.minimum(ranges.a, ranges.b), np.maximum(ranges.a, ranges.b)
+    usable = samples_of(recording, model)
     out = {}
-    for i, j in sorted(set(zip(first[usable].tolist(), second[usable].tolist(), strict=True))):
-        rows = np.flatnonzero(usable & (first == i) & (second == j))
-        rows = rows[np.argsort(ranges.t[rows], kind="stable")]
-        newest = np.append(np.diff(np.floor(ranges.t[rows] / period)) > 0.0, True)
-        rows = rows[newest]
-        p_i, p_j = (
-            _running_average(recording.tracks.get(recording.users[u].name), ranges.t[rows], period) for u in (i, j)
-        )
-        known = np.isfinite(p_i[:, 0]) & np.isfinite(p_j[:, 0])
-        out[i, j] = PairSamples(p_i[known], p_j[known], ranges.distance[rows][known], rows[known].astype(np.int32))
+    for pair in pairs(usable):
+        of_pair = usable[pair.samples]
+        newest = np.append(np.diff(np.floor(of_pair.t / period)) > 0.0, True)
+        taken = of_pair[newest]
+        p_i = _running_average(recording, pair.i, taken.t, taken.p_i, period)
+        p_j = _running_average(recording, pair.j, taken.t, taken.p_j, period)
+        out[pair.i, pair.j] = PairSamples(p_i, p_j, taken.distance, taken.row)
     return out
 
 
-def _running_average(track: Track | None, t: Array, seconds: float) -> Array:
-    """(n, 3) m: of the positions in the last `seconds` before each t (n,), NaN where there are none.
+def _running_average(recording: Recording, user: int, t: Array, antenna: Array, seconds: float) -> Array:
+    """(n, 3) m: a user's positions in the last `seconds` before each t (n,), on average; the newest one at least.
 
-    A radio that stands still has no track: it is at its own origin.
+    The lever to its `antenna` (n, 3), which is known at t, is added.
     """
-    if track is None:
-        return np.zeros((len(t), 3))
+    if recording.users[user].static:
+        return antenna
+    track = recording.tracks[recording.users[user].name]
+    lever = antenna - track.at(t, np.inf).position
     total = np.vstack([np.zeros(3), np.cumsum(track.position, axis=0)])
-    begin, end = np.searchsorted(track.t, t - seconds, side="right"), np.searchsorted(track.t, t, side="right")
-    count = (end - begin).astype(float)
-    count[count == 0.0] = np.nan
-    return np.asarray((total[end] - total[begin]) / count[:, None])
+    end = np.searchsorted(track.t, t, side="right")
+    begin = np.minimum(np.searchsorted(track.t, t - seconds, side="right"), end - 1)
+    return np.asarray((total[end] - total[begin]) / (end - begin)[:, None] + lever)
 
 
 def _next(

@@ -82,7 +82,7 @@ class RangeVerdicts:
 
     usable: Mask
     """(n,) whether it can be used: a distance by its number, both places at that time known, no repetition of another,
-    and its two devices tied to the reference by some chain of ranges."""
+    and its two devices tied to the reference by some chain of ranges; of the pairwise method, that was sampled."""
     used: Mask
     """(n,) whether the answer takes it for an honest measurement; a usable range that is not used was rejected."""
     weight: Array

@@ -152,9 +152,10 @@ def compare(found: list[Settled], best: Settled, model: Model) -> list[Settled]:
         compared.append(Settled(s.graph, *s.graph.settle(s.walks, judgement, _FIRST_ROUNDS)))
     _, honest = best.graph.honest(best.walks, best.judgement)
     late = len(honest) > 0 and float((honest < 0.5).mean()) > model.doubtful_share
-    # What drift bends a straight walk by speaks for it or its mirror image by chance, a term for each user.
-    walking = sum(len(k.step_sigma) > 0 for k in best.graph.keyframes)
-    excluded = max(model.cost_excluded_late if late else 0.0, model.cost_excluded * np.sqrt(walking))
+    # What drift bends a straight walk by speaks for it or for its mirror image by chance: the sum of a term for each
+    # device whose SLAM may drift, which grows with the root of how many there are.
+    drifting = max(sum(len(k.step_sigma) > 0 for k in best.graph.keyframes), 1)
+    excluded = max(model.cost_excluded_late if late else 0.0, model.cost_excluded * np.sqrt(drifting))
     first, *others = compared
     others = [s for s in others if s.cost <= first.cost + excluded]
     return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]

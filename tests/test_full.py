@@ -162,6 +162,15 @@ def test_whoever_a_radio_that_is_far_off_moves_among_three_is_not_registered(see
         assert off < 0.4 or registration.users[name].state is not State.REGISTERED
 
 
+@pytest.mark.parametrize("seed", [3, 5, 8])
+def test_what_drift_bends_straight_walks_by_does_not_tell_them_from_their_mirror_images(seed: int) -> None:
+    scene = Scene(users=5, walk=("line",), seconds=12.0, drift_m_per_sqrt_s=0.02, drift_rad_per_sqrt_s=0.01, seed=seed)
+    simulation = simulate(scene)
+    registration = register(simulation.recording)
+    for name, off in offs(simulation, registration).items():
+        assert off < 0.6 or registration.users[name].state is not State.REGISTERED
+
+
 # ---- the contract ----
 
 WRONG = {"scale_sigma": 0.05, "bias_sigma": 0.05, "clock_offset_sigma": 0.05, "drift_m_per_sqrt_s": 0.02, "jumps": 1}

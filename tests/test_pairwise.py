@@ -173,6 +173,21 @@ def test_the_newest_range_is_paired_with_the_average_of_the_newest_positions() -
     )
 
 
+def test_the_lever_of_the_antenna_that_measured_is_added() -> None:
+    """A device that turns on the spot by a quarter turn a second, its antenna 0.3 m ahead."""
+    t = np.arange(0.0, 4.0, 0.02)
+    yaw = 0.5 * np.pi * t
+    zero = np.zeros(len(t))
+    turning = Track(t, np.zeros((len(t), 3)), np.column_stack([zero, zero, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]))
+    when = np.array([1.0, 2.0, 3.0])
+    ends = np.zeros(3, dtype=np.int32), np.ones(3, dtype=np.int32)
+    ranges = Ranges.of(when, *ends, np.ones(3), antenna_a=np.zeros(3, dtype=np.int32))
+    users = User("a", antennas={"0": (0.3, 0.0, 0.0)}), User("b")
+    samples = pair_samples(Recording(users, {"a": turning, "b": turning}, ranges), Model())[0, 1]
+    np.testing.assert_allclose(samples.p_i, [[0.0, 0.3, 0.0], [-0.3, 0.0, 0.0], [0.0, -0.3, 0.0]], atol=1e-6)
+    np.testing.assert_allclose(samples.p_j, 0.0)
+
+
 # ---- many ----
 
 
