@@ -18,6 +18,7 @@ from synchronizar.model import Model
 from synchronizar.outcome import Outcome
 from synchronizar.placement import Placement, placements
 from synchronizar.recording import Recording
+from synchronizar.registration import State
 from synchronizar.samples import Samples
 from synchronizar.settled import Settled
 from synchronizar.slips import slips
@@ -76,6 +77,11 @@ def tell(
     fit = {u: Misfit(1.0, _rejected(graph.samples, honest, u)) for u in graph.free}
     said = [
         _with_device(v, devices[u], model) for u, v in enumerate(verdicts(told, fit, graph, corners, model, registered))
+    ]
+    heights = walks.frames[:, 2] - walks.frames[graph.reference, 2]
+    said = [
+        None if v is None else _with_height(v, float(heights[u]), float(np.sqrt(graph.prior_variances(u)[2])), model)
+        for u, v in enumerate(said)
     ]
     # How sure it is, is judged beside the reference as it is now, and told in the frame of its first pose: what the
     # minima differ by adds to both.
@@ -177,6 +183,17 @@ def _corners(smooth: Recording, graph: AnchoredGraph, walks: Walks) -> Array:
 def _rejected(samples: Samples, honest: Array, user: int) -> float:
     mine = (samples.i == user) | (samples.j == user)
     return float((honest[mine] < 0.5).mean()) if mine.any() else 0.0
+
+
+def _with_height(said: Verdict, above: float, sigma: float, model: Model) -> Verdict:
+    """The verdict; nobody is registered whose SLAM origin would lie where the prior has next to none."""
+    if said.state is not State.REGISTERED or abs(above) < model.height_contradicted * sigma:
+        return said
+    side = "above" if above > 0.0 else "below"
+    reason = (
+        f"its origin would lie {abs(above):.1f} m {side} the reference's: if that can be, its height_sigma is larger"
+    )
+    return said._replace(state=State.UNOBSERVABLE, reason=reason)
 
 
 def _with_device(said: Verdict | None, variances: Array, model: Model) -> Verdict | None:

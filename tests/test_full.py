@@ -171,6 +171,23 @@ def test_what_drift_bends_straight_walks_by_does_not_tell_them_from_their_mirror
         assert off < 0.6 or registration.users[name].state is not State.REGISTERED
 
 
+@pytest.mark.parametrize("seed", [1, 7])
+def test_a_height_that_its_prior_excludes_is_told_unless_the_recording_allows_it(seed: int) -> None:
+    simulation = simulate(Scene(users=3, seconds=30.0, height_spread=1.2, height_bob=0.3, seed=seed))
+    recording = simulation.recording
+    rise = {n: simulation.world_from_user[n].z - simulation.world_from_user["phone0"].z for n in simulation.truth}
+    high = max(rise, key=lambda n: abs(rise[n]))
+    assert abs(rise[high]) > 1.2
+    surprised = register(recording).users[high]
+    assert surprised.state is State.UNOBSERVABLE
+    assert "height_sigma" in surprised.reason
+    told = tuple(replace(user, height_sigma=1.5) for user in recording.users)
+    allowed = register(replace(recording, users=told)).users[high]
+    assert allowed.state is State.REGISTERED
+    assert allowed.common_from_user is not None
+    assert abs(allowed.common_from_user.z - rise[high]) < 0.3
+
+
 # ---- the contract ----
 
 WRONG = {"scale_sigma": 0.05, "bias_sigma": 0.05, "clock_offset_sigma": 0.05, "drift_m_per_sqrt_s": 0.02, "jumps": 1}
