@@ -1,8 +1,7 @@
 """Beyond the paper: its method and ours on real recordings, beside their truth.
 
-`python -m experiments.beside_recordings [--recordings FOLDER]`, and the options of every study, of which --full and
---seed change nothing here: nothing is drawn. A table and a figure beyond_recordings; nothing where there is no
-recording with truth.
+`python -m experiments.beside_recordings [--recordings FOLDER] [--scheduler ADDRESS]`: each recording once.
+A table and a figure beyond_recordings; nothing where there is no recording with truth.
 """
 
 from __future__ import annotations
@@ -17,12 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.beyond import METHODS
-from experiments.study import COLOURS, MARKERS, figure, options_of, results_of, save
+from experiments.study import COLOURS, MARKERS, figure, results_of, save
 from synchronizar.evaluate import evaluate, read_tracks
 from synchronizar.recording import Recording
 
 HERE = Path("../shared/recordings")
-SHOWN = ("pairwise", "rigid", "joint")
 
 
 class Task(NamedTuple):
@@ -33,7 +31,7 @@ class Task(NamedTuple):
 
 
 def row_of(task: Task) -> dict[str, Any]:
-    """What becomes of it; seconds are those of one core."""
+    """What becomes of it; seconds are CPU time of the process, all threads together."""
     recording = Recording.load(task.folder)
     began = process_time()
     registration = METHODS[task.method](recording)
@@ -56,16 +54,12 @@ def row_of(task: Task) -> dict[str, Any]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """The table and the figure."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--recordings", type=Path, default=HERE)
-    mine, others = parser.parse_known_args(argv)
-    options, began = options_of(__doc__, others), perf_counter()
-    options.recordings = str(mine.recordings)
-    folders = sorted(f.parent for f in mine.recordings.glob("*/ranges.csv") if (f.parent / "truth").is_dir())
+    options, began = _options(argv), perf_counter()
+    folders = sorted(f.parent for f in Path(options.recordings).glob("*/ranges.csv") if (f.parent / "truth").is_dir())
     if not folders:
-        print(f"{mine.recordings} holds no recordings with truth: skipped")
+        print(f"{options.recordings} holds no recordings with truth: skipped")
         return
-    rows = results_of(row_of, [Task(folder, method) for folder in folders for method in SHOWN], options)
+    rows = results_of(row_of, [Task(folder, method) for folder in folders for method in METHODS], options)
     save("beyond_recordings", rows, drawn(rows), options, began)
 
 
@@ -76,10 +70,10 @@ def drawn(rows: Sequence[dict[str, Any]]) -> Figure:
     labels = {
         "joint ate xy": "RMSE, all aligned together (m)",
         "worst transfer xy": "worst RMSE, reference aligned (m)",
-        "seconds": "time to compute (s)",
+        "seconds": "CPU time (s)",
     }
     for ax, (what, label) in zip(axes[0], labels.items(), strict=True):
-        for method in SHOWN:
+        for method in METHODS:
             value = [np.nan if row[what] is None else row[what] for row in rows if row["method"] == method]
             ax.plot(value, range(len(names)), MARKERS[method], color=COLOURS[method], markersize=5, label=method)
         ax.set(xscale="log", xlabel=label, ylim=(len(names) - 0.5, -0.5))
@@ -87,6 +81,15 @@ def drawn(rows: Sequence[dict[str, Any]]) -> Figure:
     handles, methods = axes[0, 0].get_legend_handles_labels()
     made.legend(handles, methods, loc="outside upper center", ncols=len(methods), frameon=False)
     return made
+
+
+def _options(argv: Sequence[str] | None) -> argparse.Namespace:
+    """Not those of every study: there is nothing at random here and no smaller size, what there is being registered."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--recordings", metavar="FOLDER", default=str(HERE), help=f"with recordings (default: {HERE})")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the tasks")
+    parser.set_defaults(full=False)
+    return parser.parse_args(argv)
 
 
 if __name__ == "__main__":

@@ -22,8 +22,9 @@ MacKenzie, Human-Computer Interaction 7, 1992): 0.36 deg, 1 sigma, to the side a
 assumption. It tells how well a person aims at what is seen, not how often the wrong thing is aimed at: slips, and
 misunderstandings between people, are not simulated.
 
-Trials are independent, the pointings of one trial are not: intervals resample trials, and the paired test (Wilcoxon's
-signed ranks, angles being skewed) is of the means of trials. A figure of the paper's counts as reproduced where the
+Trials are independent, the pointings of one trial are not: intervals resample trials, those of shares of trials are
+exact (Clopper and Pearson 1934), and the paired test (Wilcoxon's signed ranks, angles being skewed) is of the means of
+trials. A figure of the paper's counts as reproduced where the
 95 % interval contains it (`yes`) or lies below it (`yes, lower`), else `no`.
 """
 
@@ -36,6 +37,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
+from experiments.beyond import METHODS, share
 from experiments.study import (
     COLOURS,
     CONFIDENCE,
@@ -50,18 +52,11 @@ from experiments.study import (
 )
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.geometry import YawFrame, rotation_2d
-from synchronizar.pairwise import rate_hz, register_pairwise
-from synchronizar.pipeline import register
-from synchronizar.recording import Recording
+from synchronizar.pairwise import rate_hz
 from synchronizar.registration import Registration
 from synchronizar.scene import Scene
 from synchronizar.simulate import Simulation, simulate
 
-METHODS: dict[str, Callable[[Recording], Registration]] = {
-    "pairwise": register_pairwise,
-    "rigid": lambda recording: register(recording, kind="rigid"),
-    "joint": register,
-}
 PARTNER, USER = "phone0", "phone1"
 SAMPLES = 100
 """Ranges of a registration, as in the paper."""
@@ -161,18 +156,18 @@ def trial(task: tuple[int, int]) -> Trial:
 
 def table(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """A row for each statistic of each method and aim."""
-    angle, wrong = np.array([t.angle for t in trials]), np.array([t.wrong for t in trials], dtype=float)
+    angle, wrong = np.array([t.angle for t in trials]), np.array([t.wrong for t in trials])
     rows = []
     for a, aim in enumerate(AIMS):
         for m, method in enumerate(METHODS):
             for name, statistic in STATISTICS.items():
                 rows.append(_row(method, aim, f"{name} deg", interval(angle[:, m, a], statistic), PAPER.get(name)))
             rows.append(_row(method, aim, "wrong sphere", interval(wrong[:, m, a], STATISTICS["mean"])))
+            rows.append(_row(method, aim, "trials with a wrong sphere", share(np.any(wrong[:, m, a], axis=1))))
             if method != "pairwise":
                 rows.append(_paired(method, aim, angle[:, m, a].mean(axis=1) - angle[:, 0, a].mean(axis=1)))
     for m, method in enumerate(METHODS):
-        share = np.array([t.registered[m] for t in trials], dtype=float)
-        rows.append(_row(method, "", "registered", interval(share, STATISTICS["mean"])))
+        rows.append(_row(method, "", "trials registered", share(np.array([t.registered[m] for t in trials]))))
     return rows
 
 

@@ -2,8 +2,8 @@
 
 `python -m experiments.ranges_needed [--full] [--seed N] [--scheduler ADDRESS]`: clean walks of 24 s, cut off after 3 s
 and more, by the paper's method and by ours. What is needed is the least of these after which, and after all longer
-ones, the median over walks of the users' RMS error in the plane is below 0.15 m; infinite where that is never so.
-A table and a figure beyond_needed.
+ones, the median over walks of the users' RMS error in the plane is below 0.15 m; infinite where that is never so: then
+an arrow at the top of the figure. A table and a figure beyond_needed.
 """
 
 from __future__ import annotations
@@ -15,15 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.beyond import WALKS, WALKS_FULL, beginning, bootstrap, placed
-from experiments.study import Interval, figure, options_of, points, results_of, save
+from experiments.beyond import METHODS, WALKS, WALKS_FULL, beginning, bootstrap, placed, points_or_arrows
+from experiments.study import Interval, figure, options_of, results_of, save
 from synchronizar.arrays import Array
 from synchronizar.scene import Scene
 from synchronizar.simulate import simulate
 
 GOOD = 0.15
 """m."""
-METHODS = ("pairwise", "rigid", "joint")
 USERS, USERS_FULL = (2, 4, 6), (2, 3, 4, 6, 8, 10)
 AFTER, AFTER_FULL = (3.0, 6.0, 12.0, 24.0), (3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
 """s."""
@@ -72,16 +71,17 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def drawn(users: Sequence[int], seconds: dict[str, list[Interval]]) -> Figure:
-    """Seconds and rounds; what is never good is not shown."""
+    """Seconds and rounds."""
     made, axes = figure(columns=2)
     hz = np.array([Scene(users=k).round_hz for k in users])
     for ax, times, what in zip(axes[0], (np.ones(len(users)), hz), ("time (s)", "rounds of ranging"), strict=True):
         for method, of, aside in zip(METHODS, seconds.values(), (-0.12, 0.0, 0.12), strict=True):
-            scaled = [Interval(*(np.where(np.isfinite(i), i, np.nan) * x)) for i, x in zip(of, times, strict=True)]
-            points(ax, np.array(users) + aside, scaled, method)
+            scaled = [Interval(*(x * np.array(i))) for i, x in zip(of, times, strict=True)]
+            points_or_arrows(ax, np.array(users) + aside, scaled, method)
         ax.set(xlabel="users", ylabel=what, title=f"needed for {GOOD} m in the plane")
         ax.set_ylim(bottom=0.0)
-    axes[0, 0].legend(frameon=False)
+    handles, methods = axes[0, 0].get_legend_handles_labels()
+    made.legend(handles, methods, loc="outside upper center", ncols=len(methods), frameon=False)
     return made
 
 

@@ -63,7 +63,7 @@ def main() -> None:
                 }
             )
     said = [
-        f"{row['method']}, {PAPER_COUNT} samples in {row['median ms']:.1f} ms, the paper below {1e3 * PAPER_SECONDS:.0f}: "
+        f"{row['method']}, {PAPER_COUNT} samples: {row['median ms']:.1f} ms, the paper below {1e3 * PAPER_SECONDS:.0f}: "
         f"{'reproduced' if row['median ms'] < 1e3 * PAPER_SECONDS else 'NOT reproduced'}"
         for row in rows
         if row["samples"] == PAPER_COUNT

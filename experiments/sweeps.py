@@ -4,7 +4,9 @@
 unless told otherwise, ranges with the hardware's 0.1 m; more users, late signals, SLAM that drifts, clocks that are
 off, devices held at other heights, somebody who comes late, people who walk side by side, ranging at higher rates. Each
 walk is registered by all methods. Errors of a walk are RMS over its users but the reference; what is told is the median
-over walks. A table and a figure beyond_NAME of each.
+over walks. Shares are of walks, since the users of one walk are not independent: of those in which all users but the
+reference are called registered, any of them is off, any is off and called registered all the same. A table and a figure
+beyond_NAME of each; an arrow at the top of a panel is an interval without an upper end.
 
 The paper's method takes its samples at the paper's rate, whatever the ranging's. Its states mean nothing: everybody
 with four ranges is registered.
@@ -13,26 +15,39 @@ with four ranges is registered.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.beyond import WALKS, WALKS_FULL, Placed, bootstrap, median, placed, share
+from experiments.beyond import (
+    CLOCKS_TRUSTED,
+    METHODS,
+    WALKS,
+    WALKS_FULL,
+    Placed,
+    beginning,
+    bootstrap,
+    median,
+    placed,
+    points_or_arrows,
+    share,
+)
 from experiments.full_walks import OFF
 from experiments.side_by_side import side_by_side
-from experiments.study import Interval, figure, options_of, points, results_of, save
+from experiments.study import Interval, figure, options_of, results_of, save
 from synchronizar.arrays import Array
+from synchronizar.pairwise import rate_hz
 from synchronizar.registration import State
 from synchronizar.scene import Scene
 from synchronizar.simulate import Simulation, simulate
 
 KIM_M, KIM_RAD = 0.02, 0.01
 """In a second's root: how ARKit drifts (Kim et al., Sensors 22(24), 2022)."""
-PAPERS_HZ = 1000.0 / (80.0 + 21.0 * 2.0)
-"""Of ranging with two partners."""
+BEFORE_S = 12.0
+"""How long the others have walked when somebody comes late."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +59,10 @@ class Sweep:
     at: tuple[float, ...]
     walk: Callable[[float, int], Simulation]
     """Of a value on the axis and a seed."""
-    methods: tuple[str, ...] = ("pairwise", "rigid", "joint")
+    methods: tuple[str, ...] = tuple(METHODS)
     who: Mapping[str, slice] = field(default_factory=lambda: {"": slice(None)})
     """Whose errors are told apart, among the users but the reference."""
-    last: str = "registered, off"
+    last: str = "any registered, off"
     """What the last panel shows."""
     log: bool = False
     """Whether the axis is logarithmic."""
@@ -55,6 +70,17 @@ class Sweep:
 
 def _scene(seed: int, users: int = 3, seconds: float = 12.0, **worse: Any) -> Simulation:
     return simulate(Scene(users=users, seconds=seconds, seed=seed, **worse))
+
+
+def _joined(since: float, seed: int) -> Simulation:
+    """Four users, the last of whom came so long ago and BEFORE_S after the others.
+
+    The same walk whatever `since`, which is BEFORE_S at most: who joins a scene late comes after half of it.
+    """
+    whole = _scene(seed, users=4, seconds=2.0 * BEFORE_S, late_joiners=1)
+    kept = whole.recording.ranges.t < BEFORE_S + since
+    cut = beginning(whole.recording, BEFORE_S + since)
+    return replace(whole, recording=cut, late=whole.late[kept], extra=whole.extra[kept])
 
 
 SWEEPS = (
@@ -78,7 +104,7 @@ SWEEPS = (
         "clock offset, 1 sigma (s)",
         (0.0, 0.05, 0.1, 0.2, 0.3),
         lambda offset, seed: _scene(seed, clock_offset_sigma=offset),
-        methods=("pairwise", "rigid", "joint", "joint, clocks trusted"),
+        methods=(*METHODS, CLOCKS_TRUSTED),
     ),
     Sweep(
         "height",
@@ -88,9 +114,9 @@ SWEEPS = (
     ),
     Sweep(
         "joiner",
-        "since the last of four users came (s)",
+        f"since the last of four users came, {BEFORE_S:g} s after the others (s)",
         (3.0, 4.0, 6.0, 8.0, 12.0),
-        lambda since, seed: _scene(seed, users=4, seconds=2.0 * since, late_joiners=1),
+        _joined,
         who={"there before": slice(0, -1), "who came": slice(-1, None)},
     ),
     Sweep(
@@ -102,7 +128,7 @@ SWEEPS = (
     Sweep(
         "rate",
         "rounds of ranging (Hz)",
-        (PAPERS_HZ, 25.0, 60.0, 125.0, 250.0),
+        (rate_hz(partners=2), 25.0, 60.0, 125.0, 250.0),
         lambda hz, seed: _scene(seed, rate_hz=hz),
         last="seconds",
         log=True,
@@ -137,7 +163,7 @@ def tasks_of(sweep: Sweep, options: Any) -> list[Task]:
 
 
 def told(walks: Sequence[Placed], who: slice) -> dict[str, Interval]:
-    """Errors (m, degrees), states and time of walks alike."""
+    """Medians of errors (m, degrees) and time of walks alike, and shares of walks."""
     plane = np.array([w.plane[who] for w in walks])
     z = np.array([w.z[who] for w in walks])
     yaw = np.array([w.yaw[who] for w in walks])
@@ -147,15 +173,17 @@ def told(walks: Sequence[Placed], who: slice) -> dict[str, Interval]:
         "plane": bootstrap(_rms(plane), median),
         "z": bootstrap(_rms(z), median),
         "yaw deg": bootstrap(np.rad2deg(_rms(yaw)), median),
-        "off": bootstrap(off, share),
-        "registered, off": bootstrap(off & (states == State.REGISTERED), share),
+        "any off": share(off.any(axis=1)),
+        "any registered, off": share((off & (states == State.REGISTERED)).any(axis=1)),
         "seconds": bootstrap(np.array([w.seconds for w in walks]), median),
+        "all registered": share((states == State.REGISTERED).all(axis=1)),
     }
-    return out | {str(state): bootstrap(states == state, share) for state in State}
+    unsure = (state for state in State if state is not State.REGISTERED)
+    return out | {f"any {state}": share((states == state).any(axis=1)) for state in unsure}
 
 
 def rows_of(sweep: Sweep, cells: Mapping[Line, Sequence[Mapping[str, Interval]]], walks: int) -> list[dict[str, Any]]:
-    """A row of each value and line; of errors their intervals too."""
+    """A row of each value and line; of what is drawn but time and height, the intervals too."""
     rows = []
     for n, value in enumerate(sweep.at):
         for (method, who), line in cells.items():
@@ -163,7 +191,7 @@ def rows_of(sweep: Sweep, cells: Mapping[Line, Sequence[Mapping[str, Interval]]]
             row["walks"] = walks
             for name, of in line[n].items():
                 row[name] = of.value
-                if name in ("plane", "yaw deg"):
+                if name in ("plane", "yaw deg", "any off", "any registered, off", "all registered"):
                     row |= {f"{name} low": of.low, f"{name} high": of.high}
             rows.append(row)
     return rows
@@ -173,23 +201,22 @@ _PANELS = {
     "plane": "error in the plane (m)",
     "z": "error in height (m)",
     "yaw deg": "error in heading (°)",
-    "registered": "share called registered",
-    "off": f"share off by more than {OFF} m",
-    "registered, off": "share off, called registered",
-    "seconds": "time to compute (s)",
+    "all registered": "share of walks, all registered",
+    "any off": f"share of walks, any off by {OFF} m",
+    "any registered, off": "share of walks, any off, registered",
+    "seconds": "CPU time (s)",
 }
 
 
 def drawn(sweep: Sweep, cells: Mapping[Line, Sequence[Mapping[str, Interval]]]) -> Figure:
     """Errors above, verdicts below; a second line of one method is dashed."""
     made, axes = figure(columns=3, rows=2, height=2.3)
-    shown = ["plane", "z", "yaw deg", "registered", "off", sweep.last]
+    shown = ["plane", "z", "yaw deg", "all registered", "any off", sweep.last]
     for name, ax in zip(shown, axes.ravel(), strict=True):
         seen = set()
         for x, ((method, who), line) in zip(_beside_each_other(sweep, len(cells)), cells.items(), strict=True):
             family = method.partition(",")[0]
-            of = [Interval(*np.where(np.isfinite(cell[name]), cell[name], np.nan)) for cell in line]
-            points(ax, x, of, family, label=f"{method}, {who}" if who else method)
+            points_or_arrows(ax, x, [cell[name] for cell in line], family, f"{method}, {who}" if who else method)
             if family in seen:
                 ax.containers[-1].lines[0].set(linestyle="--", markerfacecolor="white")
             seen.add(family)

@@ -10,6 +10,7 @@ update, and checked for other placements now and then.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -48,6 +49,7 @@ from synchronizar.walks import SCALE
 from synchronizar.window import Window
 
 _NO_MORE = object()
+_SAID = ("states", "known", "since", "steady", "registered")
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _RECENT_WALK = 1.0  # s: in which somebody's way shows
 _WATCHED_AT = 0.9  # of the progress: while a user is watched
@@ -83,8 +85,13 @@ class Estimator:
         out = cls.__new__(cls)
         out._begin_with(*load(path), model or Model())
         if np.isfinite(out.memory.solved):
+            # For its solution alone: what was said of everybody stands until the next solve is due.
+            said = {name: copy(getattr(out.memory, name)) for name in _SAID}
             out._begin_to_solve(True)
             out._finish()
+            for name, of_all in said.items():
+                setattr(out.memory, name, of_all)
+            out._untold = []
         return out
 
     def add_pose(self, user: str, t: float, position: Array, quat_xyzw: Array) -> None:
@@ -229,8 +236,12 @@ class Estimator:
             latest = min(latest, max(memory.since[u], memory.now - m.first_stretch))
         needed = memory.known & memory.since.keys() - {memory.gauge}
         able = [n for n, c in enumerate(memory.checkpoints) if c.t <= latest and all(c.has(user) for user in needed)]
-        if able:
-            memory.checkpoints = memory.checkpoints[able[-1] :]
+        if able and able[-1] > 0:
+            begun, memory.checkpoints = memory.begin, memory.checkpoints[able[-1] :]
+            if self.solution is not None and self.solution.checkpoint is begun:
+                # Where everybody's frame lies is known better than it was then, its scale above all.
+                common = self.solution.anchor_at(memory.gauge, float(memory.begin.begin[memory.gauge]))
+                memory.checkpoints[0] = replace(memory.begin, common=common)
 
     # The solve
 
@@ -245,7 +256,7 @@ class Estimator:
             self._move_window()
         self._hand_over()
         begin = memory.begin
-        stretch = self.stream.stretch(begin.begin, begin.axes)
+        stretch = self.stream.stretch(begin.begin, begin.axes, begin.lift)
         mended = {}
         for name, track in stretch.recording.tracks.items():
             yield
@@ -325,17 +336,19 @@ class Estimator:
         noise: Array,
         sure: Sureness,
     ) -> Solution:
-        axes = begin.axes.copy()
+        axes, lift = begin.axes.copy(), begin.lift.copy()
         for u, user in enumerate(self.users):
             if not user.static:
                 axes[u] = multiply_quaternions(mended[user.name].mended_from_slam[-1], begin.axes[u])
+                if not np.isnan(stretch.end[u]):
+                    lift[u] = mended[user.name].track.position[-1, 2] - stretch.last[u, 2]
         common = begin.common
         if begin.carried is None:
             best = minima[0]
             scale = float(np.exp(best.walks.device[self.memory.gauge, SCALE]))
             common = np.append(scale * best.graph.keyframes[self.memory.gauge].anchor, 0.0)
         told = tell(minima, smooth, self.model, self._registered(), sure)
-        return Solution(begin, stretch, minima, told, common, axes, noise)
+        return Solution(begin, stretch, minima, told, common, axes, lift, noise, smooth)
 
     def _judge(self, placed: list[int], now: float, before: Solution | None) -> None:
         """New states, and what changed; `before` is the solution before this one."""
@@ -408,13 +421,14 @@ class Estimator:
         assert solution is not None
         best = solution.minima[0]
         unknown = {u for u in best.graph.placed if u not in self.memory.known}
-        carried = carry(best.graph, best.walks, errors, stretch.last[:, 2]).without(unknown)
+        own_height = stretch.last[:, 2] + solution.lift
+        carried = carry(best.graph, best.walks, errors, own_height).without(unknown)
         carried = carried.aged(self.model.clock_walk**2 * float(np.ptp(best.graph.samples.t)))
         reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
-        reference[2] -= solution.scale(self.memory.gauge) * stretch.last[self.memory.gauge, 2]
+        reference[2] -= solution.scale(self.memory.gauge) * own_height[self.memory.gauge]
         spread = solution.covariances[self.memory.gauge, :4, :4]
         begin = np.where(np.isnan(stretch.end), self.memory.begin.begin, stretch.end)
-        self.memory.checkpoints.append(Checkpoint(now, begin, solution.axes, carried, reference, spread))
+        self.memory.checkpoints.append(Checkpoint(now, begin, solution.axes, solution.lift, carried, reference, spread))
         if np.isfinite(self.memory.begin.t):
             self.stream.forget(self.memory.begin.begin, self.memory.begin.t - 1.0)
 

@@ -19,8 +19,8 @@ from synchronizar.registration import State
 from synchronizar.stream import Stream
 from synchronizar.user import User
 
-_FORMAT = 1
-_OF_CHECKPOINT = ("begin", "axes", "common", "spread")
+_FORMAT = 2
+_OF_CHECKPOINT = ("begin", "axes", "lift", "common", "spread")
 _MALFORMED = (ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile)
 
 
@@ -34,6 +34,8 @@ class Checkpoint:
     """(k,) s, own stamps of each user's last pose then."""
     axes: Array
     """(k, 4) quaternions: what SLAM's axes had been turned by, to undo its jumps."""
+    lift: Array
+    """(k,) SLAM's lengths: what had been added to its heights, to the same end."""
     carried: Carried | None = None
     """None at the very begin."""
     common: Array = field(default_factory=lambda: np.zeros(4))
@@ -101,7 +103,7 @@ class Memory:
 def beginning(users: int, reference: int) -> Memory:
     """Before anything came."""
     identity = np.tile([0.0, 0.0, 0.0, 1.0], (users, 1))
-    first = Checkpoint(-np.inf, np.full(users, -np.inf), identity)
+    first = Checkpoint(-np.inf, np.full(users, -np.inf), identity, np.zeros(users))
     return Memory(reference, reference, [first], {reference}, np.ones((users, 2)))
 
 
@@ -162,11 +164,11 @@ def _read(arrays: dict[str, Any]) -> tuple[Stream, Memory]:
     stream.restore([arrays[f"poses {n}"] for n in range(len(users))], arrays["ranges"], added, faults)
     checkpoints = []
     for n, (t, told) in enumerate(header["checkpoints"]):
-        begin, axes, common, spread = (arrays[f"{name} {n}"] for name in _OF_CHECKPOINT)
+        begin, axes, lift, common, spread = (arrays[f"{name} {n}"] for name in _OF_CHECKPOINT)
         carried = None
         if told is not None:
             carried = Carried(told[0], told[1], *(arrays[f"{name} {n}"] for name in ("frames", "device", "covariance")))
-        checkpoints.append(Checkpoint(t, begin, axes, carried, common, spread))
+        checkpoints.append(Checkpoint(t, begin, axes, lift, carried, common, spread))
     return stream, Memory(
         checkpoints=checkpoints,
         known=set(header["known"]),

@@ -9,12 +9,20 @@ import numpy as np
 
 from synchronizar.anchored import AnchoredGraph
 from synchronizar.arrays import Array
-from synchronizar.geometry import moved_frames, multiply_quaternions, rotate_by_quaternions, rotation_2d
+from synchronizar.geometry import (
+    apply_frames,
+    moved_frames,
+    multiply_quaternions,
+    rotate_by_quaternions,
+    rotation_2d,
+    wrap_angle,
+)
 from synchronizar.memory import Checkpoint
+from synchronizar.recording import Recording
 from synchronizar.settled import Settled
 from synchronizar.stream import Stretch
 from synchronizar.told import Told
-from synchronizar.walks import SCALE, Walks
+from synchronizar.walks import SCALE, Walks, corrected
 
 
 @dataclass(frozen=True)
@@ -29,8 +37,12 @@ class Solution:
     """(4,) where the graph's own frame lies in the common one."""
     axes: Array
     """(k, 4) quaternions: what SLAM's axes are turned by at the end."""
+    lift: Array
+    """(k,) SLAM's lengths: what is added to its heights at the end."""
     noise: Array
     """(k, 2)"""
+    smooth: Recording
+    """The stretch with mended tracks."""
 
     @property
     def graph(self) -> AnchoredGraph:
@@ -66,6 +78,20 @@ class Solution:
         yaw = 0.5 * self.placed[:, 3]
         zero = np.zeros(len(yaw))
         return multiply_quaternions(np.column_stack([zero, zero, np.sin(yaw), np.cos(yaw)]), self.axes)
+
+    def anchor_at(self, user: int, stamp: float) -> Array:
+        """(4,) x, y, z, yaw in the common frame: what a device that was solved for is anchored at, at its own stamp.
+
+        Its place then, its own origin in height, and how its mended axes lay.
+        """
+        keyframes, scale, t = self.graph.keyframes[user], self.scale(user), np.array([stamp])
+        position = self.smooth.tracks[self.graph.users[user].name].at(t, np.inf).position
+        place, turned = corrected(self.walks.local[user], keyframes, t, position)
+        frame = self.walks.frames[user]
+        here = np.append(apply_frames(frame[None], scale * place)[0], wrap_angle(frame[3] + turned[0]))
+        anchor = moved_frames(self.common, here[None])[0]
+        anchor[2] -= scale * position[0, 2]
+        return np.asarray(anchor)
 
     def pose(self, user: int, position: Array, quat_xyzw: Array) -> tuple[Array, Array]:
         """A pose of SLAM's own (3,), (4,) in the common frame: as the last solution has it, SLAM followed since."""

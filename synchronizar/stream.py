@@ -23,7 +23,7 @@ _WHOLE = ("a", "b", "antenna_a", "antenna_b")
 
 
 class Stretch(NamedTuple):
-    """What came in a stretch of time, SLAM's axes turned as they were found to be at its begin."""
+    """What came in a stretch of time, SLAM's axes turned and heights lifted as they were found to be at its begin."""
 
     recording: Recording
     """Of all users; who has no pose there has one long ago."""
@@ -149,11 +149,11 @@ class Stream:
         table = self._poses[user].sorted()
         return table[np.searchsorted(table[:, 0], table[-1, 0] - seconds) :].copy()
 
-    def stretch(self, begin: Array, axes: Array) -> Stretch:
+    def stretch(self, begin: Array, axes: Array, lift: Array) -> Stretch:
         """Everything from `begin` on, (k,) s own stamps, that of the first pose among it.
 
-        `axes` (k, 4) quaternions turn each user's SLAM, about its first pose there. Ranges are left out that were told
-        before both devices' first poses.
+        `axes` (k, 4) quaternions turn each user's SLAM, about its first pose there, and `lift` (k,) is added to its
+        heights. Ranges are left out that were told before both devices' first poses.
         """
         tracks, k = {}, len(self.users)
         last, end, first = np.zeros((k, 3)), np.full(k, np.nan), np.full(k, -np.inf)
@@ -168,6 +168,7 @@ class Stream:
             table = table[np.concatenate([[True], np.diff(table[:, 0]) > 0.0])]
             first[u], end[u], last[u] = table[0, 0], table[-1, 0], table[-1, 1:4]
             place = table[0, 1:4] + rotate_by_quaternions(axes[u], table[:, 1:4] - table[0, 1:4])
+            place[:, 2] += lift[u]
             tracks[user.name] = Track(table[:, 0].copy(), place, multiply_quaternions(axes[u], table[:, 4:]))
         table = self._ranges.sorted()
         a, b = table[:, 1].astype(int), table[:, 2].astype(int)

@@ -64,7 +64,7 @@ def sureness_of(graph: AnchoredGraph, walks: Walks, sources: Errors) -> Sureness
 def carry(graph: AnchoredGraph, walks: Walks, sources: Errors, own_height: Array) -> Carried:
     """What is known of everybody beside the reference's last keyframe, for a graph that begins at the last ones.
 
-    `own_height` (k,) m: how high SLAM itself has each last keyframe, its jumps not mended.
+    `own_height` (k,) SLAM's lengths: how high each last keyframe is in its own frame as that was before any jump.
     """
     errors, of_devices = sources
     now, reference = graph.last_poses(walks), graph.reference

@@ -79,8 +79,11 @@ def tell(
         _with_device(v, devices[u], model) for u, v in enumerate(verdicts(told, fit, graph, corners, model, registered))
     ]
     heights = walks.frames[:, 2] - walks.frames[graph.reference, 2]
+    carried = () if graph.carried is None else graph.carried.users  # whose heights have drifted since
     said = [
-        None if v is None else _with_height(v, float(heights[u]), float(np.sqrt(graph.prior_variances(u)[2])), model)
+        v
+        if v is None or u in carried
+        else _with_height(v, float(heights[u]), float(np.sqrt(graph.prior_variances(u)[2])), model)
         for u, v in enumerate(said)
     ]
     # How sure it is, is judged beside the reference as it is now, and told in the frame of its first pose: what the

@@ -15,6 +15,7 @@ from synchronizar.user import User
 USERS = (User("alice", antennas={"left": (0.1, 0.0, 0.0)}), User("bob"), User("post", static=True))
 EVER = np.full(3, -np.inf)
 AS_IT_IS = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
+FLAT = np.zeros(3)
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -25,7 +26,7 @@ def walk(stream: Stream, user: str, stamps: list[float], speed: float = 1.0) -> 
 
 
 def everything(stream: Stream) -> Stretch:
-    return stream.stretch(EVER, AS_IT_IS)
+    return stream.stretch(EVER, AS_IT_IS, FLAT)
 
 
 def rotation(quat_xyzw: Array) -> Array:
@@ -176,7 +177,7 @@ def test_a_stretch_begins_at_the_first_pose_at_or_after_its_begin(begin: float, 
     stream = Stream(USERS)
     for user in ("alice", "bob"):
         walk(stream, user, [0.0, 0.1, 0.2, 0.3, 0.4])
-    stretch = stream.stretch(np.array([begin, 0.1, -np.inf]), AS_IT_IS)
+    stretch = stream.stretch(np.array([begin, 0.1, -np.inf]), AS_IT_IS, FLAT)
     assert stretch.recording.tracks["alice"].t[0] == first
     assert stretch.recording.tracks["bob"].t[0] == 0.1
     np.testing.assert_array_equal(stretch.end, [0.4, 0.4, np.nan])
@@ -189,7 +190,7 @@ def test_ranges_are_left_out_that_either_device_had_no_pose_for_yet() -> None:
     for t in (0.3, 0.5, 0.6):
         stream.add_range(t, "alice", "bob", t, {})
         stream.add_range(t, "alice", "post", 10.0 + t, {})
-    ranges = stream.stretch(np.array([0.0, 0.5, -np.inf]), AS_IT_IS).recording.ranges
+    ranges = stream.stretch(np.array([0.0, 0.5, -np.inf]), AS_IT_IS, FLAT).recording.ranges
     np.testing.assert_array_equal(np.sort(ranges.distance), [0.6, 10.3, 10.5, 10.6])
 
 
@@ -197,7 +198,7 @@ def test_who_has_no_pose_has_one_long_ago() -> None:
     stream = Stream(USERS)
     walk(stream, "alice", [0.0, 1.0])
     walk(stream, "bob", [0.0])
-    stretch = stream.stretch(np.array([0.0, 0.5, -np.inf]), AS_IT_IS)
+    stretch = stream.stretch(np.array([0.0, 0.5, -np.inf]), AS_IT_IS, FLAT)
     assert len(stretch.recording.tracks["bob"]) == 1
     assert not stretch.recording.tracks["bob"].at(np.array([0.0, 0.5, 1.0]), 1.0).valid.any()
     np.testing.assert_array_equal(stretch.end, [1.0, np.nan, np.nan])
@@ -209,7 +210,7 @@ def test_a_quarter_turn_of_the_axes_turns_a_track_about_its_first_pose() -> None
         stream.add_pose("alice", t, (x, y, z), LEVEL)
     axes = AS_IT_IS.copy()
     axes[0] = 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)
-    stretch = stream.stretch(np.array([0.1, 0.0, 0.0]), axes)
+    stretch = stream.stretch(np.array([0.1, 0.0, 0.0]), axes, FLAT)
     track = stretch.recording.tracks["alice"]
     np.testing.assert_allclose(track.position, [[1.0, 2.0, 3.0], [1.0, 3.0, 3.0], [-2.0, 3.0, 3.5]], atol=1e-12)
     np.testing.assert_allclose(track.quat_xyzw, np.tile(axes[0], (3, 1)), atol=1e-12)
@@ -226,7 +227,7 @@ def test_axes_turn_places_and_attitudes_as_rotation_matrices_do() -> None:
         stream.add_pose("bob", 0.1 * n, position[n], quat[n])
     axes = AS_IT_IS.copy()
     axes[1] = np.array([0.3, -0.2, 0.5, 0.8]) / np.linalg.norm([0.3, -0.2, 0.5, 0.8])
-    track = stream.stretch(EVER, axes).recording.tracks["bob"]
+    track = stream.stretch(EVER, axes, FLAT).recording.tracks["bob"]
     R = rotation(axes[1])
     np.testing.assert_allclose(track.position, position[0] + (position - position[0]) @ R.T, atol=1e-12)
     for found, own in zip(track.quat_xyzw, quat, strict=True):
@@ -302,7 +303,7 @@ def test_any_order_of_the_same_data_gives_the_same_stretch(order: list[Add], loo
             stream.last_pose(0)
             everything(stream)
     begins = np.array([begin, 0.3, -np.inf])
-    found, expected = stream.stretch(begins, AS_IT_IS), sorted_stream.stretch(begins, AS_IT_IS)
+    found, expected = stream.stretch(begins, AS_IT_IS, FLAT), sorted_stream.stretch(begins, AS_IT_IS, LEVEL)
     for name, track in expected.recording.tracks.items():
         np.testing.assert_array_equal(found.recording.tracks[name].t, track.t)
         np.testing.assert_array_equal(found.recording.tracks[name].position, track.position)

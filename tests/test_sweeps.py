@@ -14,9 +14,21 @@ from synchronizar.simulate import simulate
 pytest.importorskip("scipy", reason="the pairwise method needs scipy")
 
 from experiments import beside_bound, beside_recordings, ranges_needed
-from experiments.beyond import METHODS, Placed, beginning, bootstrap, median, placed, share
+from experiments.beyond import (
+    CLOCKS_TRUSTED,
+    EVERY_METHOD,
+    METHODS,
+    Placed,
+    beginning,
+    bootstrap,
+    median,
+    placed,
+    points_or_arrows,
+    share,
+)
 from experiments.full_oracle import last_errors, last_poses, true_tracks
 from experiments.side_by_side import ABREAST_M, side_by_side
+from experiments.study import Interval, figure
 from experiments.sweeps import BY_NAME, Task, cells_of, drawn, rows_of, tasks_of, told, walk
 
 EVERYBODY = slice(None)
@@ -118,11 +130,11 @@ def test_who_has_no_placement_is_infinitely_far_off() -> None:
 
 def test_clocks_that_are_trusted_are_left_at_zero_and_cost_accuracy() -> None:
     simulation = simulate(Scene(users=3, seed=0, clock_offset_sigma=0.2))
-    registration = METHODS["joint, clocks trusted"](simulation.recording)
+    registration = EVERY_METHOD[CLOCKS_TRUSTED](simulation.recording)
     assert max(abs(user.clock_offset or 0.0) for user in registration.users.values()) < 1e-3
     with_it, without = (
         placed(simulation.recording, simulation.world_from_user, method).plane.max()
-        for method in ("joint", "joint, clocks trusted")
+        for method in ("joint", CLOCKS_TRUSTED)
     )
     assert with_it < 0.1 < without
 
@@ -155,14 +167,34 @@ def test_infinite_errors_do_not_spoil_an_interval() -> None:
     assert of.high == np.inf
 
 
-def test_a_share_counts_all_users_of_all_walks() -> None:
-    assert bootstrap(np.array([[True, False], [True, True]]), share).value == 0.75
+def test_a_statistic_of_nothing_has_no_interval() -> None:
+    assert np.isnan(bootstrap(np.full(5, np.nan), median)).all()
+
+
+def test_none_of_thirty_is_not_never_and_all_of_thirty_not_always() -> None:
+    # The end of an exact interval is the share of which thirty in a row have a chance of 2.5 %.
+    chance = 0.025 ** (1.0 / 30.0)
+    assert share(np.zeros(30, bool)) == pytest.approx((0.0, 0.0, 1.0 - chance))
+    assert share(np.ones(30, bool)) == pytest.approx((1.0, chance, 1.0))
+    assert share(np.array([True, True, True, False])).value == 0.75
+
+
+def test_an_interval_without_an_upper_end_is_drawn_up_to_an_arrow_at_the_top() -> None:
+    made, ((ax,),) = figure()
+    of = [Interval(1.0, 0.5, 2.0), Interval(2.0, 0.5, np.inf), Interval(np.inf, 3.0, np.inf), Interval(*[np.inf] * 3)]
+    points_or_arrows(ax, np.arange(4.0), of, "rigid")
+    ax.set_ylim(0.0, 10.0)
+    made.draw_without_rendering()
+    arrows = next(line for line in ax.lines if line.get_transform() == ax.get_xaxis_transform())
+    np.testing.assert_array_equal(arrows.get_xydata(), [[1.0, 1.0], [2.0, 1.0], [3.0, 1.0]])
+    bars = [ax.transData.inverted().transform(text.arrow_patch.get_path().vertices[[0, -1]]) for text in ax.texts]
+    np.testing.assert_allclose(bars, [[[1.0, 0.5], [1.0, 10.0]], [[2.0, 3.0], [2.0, 10.0]]], atol=1e-6)
 
 
 # ---- tables and figures ----
 
 
-def test_walks_are_told_by_medians_of_rms_and_by_shares() -> None:
+def test_walks_are_told_by_medians_of_rms_and_by_shares_of_walks() -> None:
     yes, no = State.REGISTERED, State.UNOBSERVABLE
     walks = [
         Placed(np.array([0.3, 0.4]), np.array([0.0, 0.0]), np.array([0.1, 0.1]), [yes, yes], 1.0),
@@ -172,12 +204,13 @@ def test_walks_are_told_by_medians_of_rms_and_by_shares() -> None:
     of = told(walks, EVERYBODY)
     assert of["plane"].value == pytest.approx(3.0 / np.sqrt(2.0))
     assert of["yaw deg"].value == pytest.approx(np.rad2deg(0.2))
-    assert of["off"].value == pytest.approx(3 / 6)  # one by its height alone
-    assert of["registered, off"].value == pytest.approx(1 / 6)
-    assert of["registered"].value == pytest.approx(4 / 6)
-    assert of["unobservable"].value == pytest.approx(2 / 6)
+    assert of["any off"].value == pytest.approx(2 / 3)  # both of the second walk, one by its height alone
+    assert of["any registered, off"].value == pytest.approx(1 / 3)
+    assert of["all registered"].value == pytest.approx(1 / 3)
+    assert of["any unobservable"].value == pytest.approx(2 / 3)
+    assert of["any ambiguous"].value == 0.0
     assert of["seconds"].value == 2.0
-    assert told(walks, slice(-1, None))["off"].value == pytest.approx(1 / 3)
+    assert told(walks, slice(-1, None))["any off"].value == pytest.approx(1 / 3)
 
 
 def test_a_sweep_does_every_value_with_every_seed() -> None:
@@ -195,10 +228,10 @@ def test_a_sweep_makes_a_row_of_each_value_and_line(name: str) -> None:
     cells = cells_of(sweep, tasks, [dict.fromkeys(sweep.methods, of)] * len(tasks))
     rows = rows_of(sweep, cells, 1)
     assert len(rows) == len(sweep.at) * len(sweep.methods) * len(sweep.who)
-    assert all(row["plane"] == pytest.approx(0.1) and row["registered"] == 1.0 for row in rows)
-    figure = drawn(sweep, cells)
-    assert len(figure.axes) == 6
-    assert all(len(ax.containers) == len(cells) for ax in figure.axes)
+    assert all(row["plane"] == pytest.approx(0.1) and row["all registered"] == 1.0 for row in rows)
+    made = drawn(sweep, cells)
+    assert len(made.axes) == 6
+    assert all(len(ax.containers) == len(cells) for ax in made.axes)
 
 
 # ---- small, pinned ----
@@ -218,12 +251,19 @@ def test_where_slam_drifts_the_full_model_is_nearer_than_those_that_trust_it() -
     assert joint < 0.7 * pairwise
 
 
+@pytest.mark.parametrize("since", BY_NAME["joiner"].at)
+def test_a_late_joiner_comes_twelve_seconds_after_the_others_and_so_long_before_the_end(since: float) -> None:
+    simulation = BY_NAME["joiner"].walk(since, 0)
+    recording = simulation.recording
+    began = [recording.tracks[user.name].t[0] for user in recording.users]
+    assert began[-1] == pytest.approx(12.0, abs=0.04)
+    assert max(began[:-1]) < 0.04
+    assert recording.ranges.t.max() == pytest.approx(12.0 + since, abs=0.2)
+    assert len(simulation.late) == len(simulation.extra) == len(recording.ranges)
+
+
 def test_a_late_joiner_is_the_last_of_the_others() -> None:
     sweep = BY_NAME["joiner"]
-    recording = sweep.walk(6.0, 0).recording
-    began = [recording.tracks[user.name].t[0] for user in recording.users]
-    assert began[-1] == pytest.approx(6.0, abs=0.04)
-    assert max(began[:-1]) < 0.04
     others = np.array(["phone1", "phone2", "phone3"])
     assert others[sweep.who["who came"]].tolist() == ["phone3"]
     assert others[sweep.who["there before"]].tolist() == ["phone1", "phone2"]
@@ -245,7 +285,7 @@ def test_what_is_needed_is_the_time_after_which_the_median_stays_good() -> None:
 def test_errors_after_the_whole_walk_are_those_of_the_whole_walk() -> None:
     errors = ranges_needed.walk(ranges_needed.Task(4, 1, (3.0, 12.0)))
     simulation = simulate(Scene(users=4, seconds=12.0, seed=1))
-    whole = [placed(simulation.recording, simulation.world_from_user, m).plane for m in ranges_needed.METHODS]
+    whole = [placed(simulation.recording, simulation.world_from_user, m).plane for m in METHODS]
     np.testing.assert_allclose(errors[:, 1], np.sqrt(np.mean(np.square(whole), axis=1)), rtol=1e-6)
     assert (errors[1:, 1] < 0.1).all()
     assert (errors[:, 0] != errors[:, 1]).all()
@@ -268,8 +308,18 @@ def test_errors_beside_the_bound_are_of_registered_users_alone() -> None:
     error[:, 0, 0], error[:, 1, 1] = 3.0, 100.0
     of = beside_bound.told([beside_bound.Errors(error, np.array([True, False]))])
     assert of["rigid"]["plane"].value == pytest.approx(3.0)
-    nobody = beside_bound.told([beside_bound.Errors(error, np.array([True, False]))] * 2)
-    assert nobody["bound"]["plane"].high == pytest.approx(3.0)
+    nobody = beside_bound.told([beside_bound.Errors(error, np.array([False, False]))] * 2)
+    assert np.isnan([nobody[method]["plane"] for method in beside_bound.METHODS]).all()
+
+
+def test_whom_the_paper_could_not_place_is_left_out_of_the_bound_and_of_all_methods_alike() -> None:
+    error = np.ones((4, 2, 4))
+    error[:, 1] = 7.0
+    error[beside_bound.METHODS.index("pairwise"), 1] = np.nan
+    walk_of_both = beside_bound.Errors(error, np.array([True, True]))
+    assert walk_of_both.kept.tolist() == [True, False]
+    of = beside_bound.told([walk_of_both] * 2)
+    assert [of[method]["z"].value for method in beside_bound.METHODS] == [1.0] * 4
 
 
 # ---- beside recordings ----
@@ -282,10 +332,7 @@ def test_a_folder_without_recordings_is_skipped_with_a_line(tmp_path: Path, caps
 
 def test_a_recording_is_registered_by_a_method_and_set_beside_its_truth(tmp_path: Path) -> None:
     simulate(Scene(users=3, seed=1)).save(tmp_path / "walk")
-    rows = [
-        beside_recordings.row_of(beside_recordings.Task(tmp_path / "walk", method))
-        for method in beside_recordings.SHOWN
-    ]
+    rows = [beside_recordings.row_of(beside_recordings.Task(tmp_path / "walk", method)) for method in METHODS]
     assert [row["method"] for row in rows] == ["pairwise", "rigid", "joint"]
     assert all(row["states"] == "2 registered" and row["missing"] == 0 for row in rows)
     assert rows[1]["joint ate xy"] < 0.1

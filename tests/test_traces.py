@@ -8,10 +8,10 @@ pytest.importorskip("scipy", reason="the pairwise method and the tests need scip
 pytest.importorskip("statsmodels", reason="power and equivalence are statsmodels'")
 pytest.importorskip("matplotlib", reason="experiments draw figures")
 
+from experiments.beyond import METHODS
 from experiments.traces import (
     LENGTH_M,
     MARGIN_M,
-    METHODS,
     PAPER,
     SAMPLED_M,
     STRAY_M,
@@ -104,6 +104,16 @@ def test_few_scattered_walks_tell_neither_difference_nor_equality() -> None:
     random = np.random.default_rng(1)
     perfect, other = 0.3 + 0.3 * random.standard_normal((2, 1, 22))
     told = row("S", "pairwise", perfect, other)
-    assert told["reproduced"] == "yes"
+    assert told["reproduced"] == "undecided"
+    assert told["significant"] == 0.0
     assert told["p_equal"] > 0.05
     assert told["power"] < 0.2
+
+
+def test_a_difference_that_is_found_is_told_even_where_it_is_within_the_margin() -> None:
+    random = np.random.default_rng(2)
+    perfect, other = 0.05 + 0.01 * random.standard_normal((2, 4, 22))
+    told = row("L", "joint", perfect, other + 0.4 * MARGIN_M)
+    assert told["p_equal"] < 0.05
+    assert told["significant"] >= 0.5
+    assert told["reproduced"] == "no"
