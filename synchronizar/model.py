@@ -171,7 +171,7 @@ class Model:
     """e^-12 times, or less, where signals are late: how they are late is known but roughly."""
     largest_error: float = 0.6
     """A placement that is off by more than this, anywhere on the user's own walk, is wrong."""
-    height_contradicted: float = 6.0
+    height_contradicted: float = 4.0
     """Nobody is registered whose height is farther off than so many sigmas of its prior: something else is wrong."""
     largest_yaw_error: float = 0.5
     """A heading that is off by more than this is wrong."""
