@@ -35,6 +35,7 @@ from synchronizar.registration import State
 from synchronizar.replay import A_SECOND, Replay, in_time, replay
 from synchronizar.scene import Scene
 from synchronizar.simulate import Simulation, simulate
+from synchronizar.track import Track
 
 SECONDS = 20.0
 MINUTE = 60.0
@@ -153,10 +154,14 @@ def _first(played: Replay, name: str, began: float) -> float:
 
 
 def _causal(played: Replay, truth: dict[str, Any], reference: str, others: list[str], since: float) -> float | None:
-    """RMSE (m) in the plane of all others, the reference's own causal track aligned with its truth."""
+    """RMSE (m) in the plane of all others, the reference's own causal track aligned with its truth; both from then on."""
     if reference not in truth or reference not in played.tracks:
         return None
-    laid = match(played.tracks[reference], truth[reference])
+    own = played.tracks[reference]
+    late = own.t > since
+    if not late.any():
+        return None
+    laid = match(Track(own.t[late], own.position[late], own.quat_xyzw[late]), truth[reference])
     if laid is None:
         return None
     squares = []
