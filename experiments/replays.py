@@ -154,7 +154,7 @@ def _first(played: Replay, name: str, began: float) -> float:
 
 
 def _causal(played: Replay, truth: dict[str, Any], reference: str, others: list[str], since: float) -> float | None:
-    """RMSE (m) in the plane of all others, the reference's own causal track aligned with its truth; both from then on."""
+    """RMSE (m) in the plane of all others, the reference's own track aligned with its truth; both from then on."""
     if reference not in truth or reference not in played.tracks:
         return None
     own = played.tracks[reference]
