@@ -196,6 +196,17 @@ def test_at_the_end_it_says_what_the_batch_solve_says() -> None:
     assert (np.array(apart) < [0.1, 0.1, 0.3, 0.1]).all(axis=1).sum() >= 6
 
 
+def test_where_a_solution_anchors_its_end_is_where_the_next_window_would_begin() -> None:
+    estimator = walked(NOISY).estimator
+    solution, memory = estimator.solution, estimator.memory
+    assert solution is not None
+    last = memory.checkpoints[-1]
+    anchor = solution.anchor_at(memory.gauge, float(last.begin[memory.gauge]))
+    np.testing.assert_allclose(anchor, last.common, atol=1e-6)
+    earlier = solution.anchor_at(memory.gauge, float(last.begin[memory.gauge]) - 2.0)
+    assert 0.1 < np.hypot(*(earlier - anchor)[:2]) < 4.0  # two seconds of walking
+
+
 def test_a_frame_lays_poses_where_slam_followed_since_has_them() -> None:
     told = walked(NOISY)
     solution, random = told.estimator.solution, np.random.default_rng(1)

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +18,7 @@ import pytest
 from synchronizar.arrays import Array
 from synchronizar.cli import main
 from synchronizar.recording import Recording
+from synchronizar.registration import State
 from synchronizar.replay import replay
 from synchronizar.scene import Scene
 from synchronizar.simulate import simulate
@@ -423,3 +425,20 @@ def test_a_terminal_is_shown_events_and_everybodys_progress_and_nothing_else_is_
     assert "phone1: unobservable: " in told
     assert "phone0 ████████" in told
     assert "phone2 ░░░░░░░░" in told
+
+
+def test_slam_that_jumps_in_height_leaves_everybodys_height_where_it_was() -> None:
+    """Windows that begin after the jump too: heights are about the origins as they were."""
+    simulation = simulate(Scene(users=3, seconds=45.0, seed=2))
+    tracks = dict(simulation.recording.tracks)
+    jumped = tracks["phone0"]
+    up = np.where(jumped.t > 15.0, 1.5, 0.0)
+    tracks["phone0"] = replace(jumped, position=jumped.position + up[:, None] * np.array([0.0, 0.0, 1.0]))
+    played = replay(replace(simulation.recording, tracks=tracks), "phone0")
+    for name in ("phone1", "phone2"):
+        user = played.registration.users[name]
+        assert user.state is State.REGISTERED
+        assert user.common_from_user is not None
+        true = simulation.world_from_user["phone0"].inverse() @ simulation.world_from_user[name]
+        last = tracks[name].position[-1]
+        assert abs((user.common_from_user @ last - true @ last)[2]) < 0.3
