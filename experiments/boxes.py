@@ -19,11 +19,11 @@ import numpy as np
 from experiments.study import Interval, interval, rms
 from synchronizar.arrays import Array
 from synchronizar.geometry import YawFrame, wrap_angle
-from synchronizar.pairwise import rate_hz
 from synchronizar.pairwise_solve import solve_reduced
 from synchronizar.pipeline import register
 from synchronizar.ranges import Ranges
 from synchronizar.recording import Recording
+from synchronizar.scene import papers_rate_hz
 from synchronizar.track import Track
 from synchronizar.user import User
 
@@ -32,7 +32,7 @@ MEASURES = ("origin", "place", "z", "yaw")
 DRAWN = 3000
 SIGMA_M = 0.1
 ORIGIN_M, ORIGIN_UP_M = 10.0, 0.2
-STEP_S = 1.0 / rate_hz(1)
+STEP_S = 1.0 / papers_rate_hz(1)
 """Between samples."""
 
 

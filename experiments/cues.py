@@ -22,6 +22,7 @@ from synchronizar.arrays import Array
 from synchronizar.cues import Cue
 from synchronizar.geometry import YawFrame, wrap_angle, yaw_quaternion
 from synchronizar.incremental import Estimator
+from synchronizar.scene import papers_rate_hz
 from synchronizar.user import User
 
 WAYS = {
@@ -36,7 +37,7 @@ AREA_M, SPEED_M_S, BESIDE_M = 6.0, 1.0, 1.0
 TURN_RAD_S = 3.0
 HEIGHT_M, HEIGHT_SPREAD_M = 1.4, 0.1
 POSES_HZ, UPDATES_HZ = 30, 10
-RANGES_HZ = 1000.0 / (80.0 + 21.0)
+RANGES_HZ = papers_rate_hz(partners=1)
 SIGMA_M = 0.1
 ARRIVED_M = 0.1
 LISTENS_S = 1.0

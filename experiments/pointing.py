@@ -52,9 +52,8 @@ from experiments.study import (
 )
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.geometry import YawFrame, rotation_2d
-from synchronizar.pairwise import rate_hz
 from synchronizar.registration import Registration
-from synchronizar.scene import Scene
+from synchronizar.scene import Scene, papers_rate_hz
 from synchronizar.simulate import Simulation, simulate
 
 PARTNER, USER = "phone0", "phone1"
@@ -97,7 +96,7 @@ class Trial(NamedTuple):
 def walk_of(*seed: int) -> Simulation:
     """Two people who walk until the paper's number of ranges is there."""
     scene_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
-    return simulate(Scene(seconds=SAMPLES / rate_hz(partners=1), seed=scene_seed))
+    return simulate(Scene(seconds=SAMPLES / papers_rate_hz(partners=1), seed=scene_seed))
 
 
 def seen_from_true(walk: Simulation, registration: Registration) -> YawFrame:

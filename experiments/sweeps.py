@@ -39,9 +39,8 @@ from experiments.full_walks import OFF
 from experiments.side_by_side import side_by_side
 from experiments.study import Interval, figure, options_of, results_of, save
 from synchronizar.arrays import Array
-from synchronizar.pairwise import rate_hz
 from synchronizar.registration import State
-from synchronizar.scene import Scene
+from synchronizar.scene import Scene, papers_rate_hz
 from synchronizar.simulate import Simulation, simulate
 
 KIM_M, KIM_RAD = 0.02, 0.01
@@ -128,7 +127,7 @@ SWEEPS = (
     Sweep(
         "rate",
         "rounds of ranging (Hz)",
-        (rate_hz(partners=2), 25.0, 60.0, 125.0, 250.0),
+        (papers_rate_hz(partners=2), 25.0, 60.0, 125.0, 250.0),
         lambda hz, seed: _scene(seed, rate_hz=hz),
         last="seconds",
         log=True,

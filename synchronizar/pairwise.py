@@ -23,11 +23,7 @@ from synchronizar.pipeline import reference_of
 from synchronizar.recording import Recording
 from synchronizar.registration import RangeVerdicts, Registration, State, UserRegistration
 from synchronizar.samples import pairs, samples_of
-
-
-def rate_hz(partners: int) -> float:
-    """How often a module ranges to each of its partners."""
-    return 1000.0 / (80.0 + 21.0 * partners)
+from synchronizar.scene import papers_rate_hz
 
 
 class PairSamples(NamedTuple):
@@ -82,7 +78,7 @@ def register_pairwise(recording: Recording, reference: str | None = None, model:
 
 def pair_samples(recording: Recording, model: Model) -> dict[tuple[int, int], PairSamples]:
     """The samples of all pairs i < j, taken at the paper's rate for as many partners as there are others."""
-    period = 1.0 / rate_hz(len(recording.users) - 1)
+    period = 1.0 / papers_rate_hz(len(recording.users) - 1)
     usable = samples_of(recording, model)
     out = {}
     for pair in pairs(usable):

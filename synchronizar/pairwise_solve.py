@@ -25,11 +25,7 @@ LARGEST_HEIGHT = 0.1
 LEAST_REDUCED, LEAST_GENERAL = 4, 6
 """Samples: as many as there are unknowns."""
 _GRID = 16  # headings, and bearings, of the reduced problem
-_PARTS = (
-    0.3,
-    0.6,
-    1.0,
-)  # of the mean distance, at which the middles of both walks may lie: people walk about each other
+_PARTS = (0.3, 0.6, 1.0)  # of the mean distance, at which both walks' middles may lie: people walk about each other
 _STARTS = 8  # that are followed, at most
 _PRECISION = 1e-10
 _ITERATIONS = 200

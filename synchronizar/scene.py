@@ -129,7 +129,12 @@ class Scene:
         if self.rate_hz is not None:
             return self.rate_hz
         partners = self.users + self.static_radios - 1
-        return 1000.0 / (80.0 + 21.0 * partners)
+        return papers_rate_hz(partners)
+
+
+def papers_rate_hz(partners: int) -> float:
+    """How often a module of SynchronizAR (Huo et al., UIST 2018) ranges to each of its partners."""
+    return 1000.0 / (80.0 + 21.0 * partners)
 
 
 def _require(fine: bool, name: str, fault: str) -> None:

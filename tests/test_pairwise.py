@@ -15,12 +15,12 @@ from synchronizar.cli import main
 from synchronizar.errors import InputError
 from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.model import Model
-from synchronizar.pairwise import pair_samples, rate_hz, register_pairwise
+from synchronizar.pairwise import pair_samples, register_pairwise
 from synchronizar.pairwise_solve import LARGEST_HEIGHT, solve_general, solve_reduced
 from synchronizar.ranges import Ranges
 from synchronizar.recording import Recording
 from synchronizar.registration import State
-from synchronizar.scene import Scene
+from synchronizar.scene import Scene, papers_rate_hz
 from synchronizar.simulate import Simulation, simulate
 from synchronizar.track import Track
 from synchronizar.user import User
@@ -142,8 +142,8 @@ def test_without_scipy_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_modules_range_at_the_papers_rates() -> None:
-    assert rate_hz(1) == pytest.approx(9.9, abs=0.05)
-    assert rate_hz(2) == pytest.approx(8.2, abs=0.05)
+    assert papers_rate_hz(1) == pytest.approx(9.9, abs=0.05)
+    assert papers_rate_hz(2) == pytest.approx(8.2, abs=0.05)
 
 
 def test_the_newest_range_is_paired_with_the_average_of_the_newest_positions() -> None:
