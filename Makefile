@@ -1,27 +1,43 @@
-# Everything sets itself up in .venv: a Python of 3.11 or later and a C++ compiler are all that has to be there.
+# Everything sets itself up in .venv: a Python of 3.11 or later and a C++ compiler are all that has to be there. What the
+# firmware's tests run in besides is installed by apt where it can be; what cannot be had is skipped, and said.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-CORE := CMakeLists.txt $(wildcard factors/*)
+CORE_SOURCES := $(wildcard factors/*.cpp firmware/core/*.c firmware/sim/*.cpp firmware/targets/host/*.cpp)
+CORE := CMakeLists.txt firmware/CMakeLists.txt $(CORE_SOURCES) $(wildcard factors/*.h firmware/*/*.h firmware/targets/host/*.h)
+CORE_TESTS := $(wildcard tests/cpp/* firmware/tests/*.[ch] firmware/tests/*/*.[ch] firmware/tests/*/*.cpp)
 CTEST := build/ctest
+
+# How long each of the firmware's fuzz targets runs.
+export FUZZ_SECONDS ?= 5
 
 STUDIES := sampling_space distance sample_count pointing traces sweeps ranges_needed beside_bound beside_recordings
 
-.PHONY: demo test lint bench experiments clean
+.PHONY: demo test lint sizes bench experiments clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m experiments.demo --out demo
 
 test: $(VENV)/tested-with $(CTEST)/built
-	$(BIN)/ctest --test-dir $(CTEST) --output-on-failure
+	$(BIN)/ctest --test-dir $(CTEST) --output-on-failure --parallel 2
+	PATH="$(abspath $(BIN)):$$PATH" firmware/tests/run.sh
+	$(BIN)/python firmware/tests/mutations.py $(CTEST)
 	$(BIN)/python -m pytest
 
 lint: $(VENV)/linted-with $(CTEST)/built
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/clang-format --dry-run --Werror $(wildcard factors/*.h factors/*.cpp tests/cpp/*)
-	$(BIN)/clang-tidy --quiet -p $(CTEST) $(filter-out factors/bindings.cpp,$(wildcard factors/*.cpp))
+	$(BIN)/clang-format --dry-run --Werror $(filter-out %.txt,$(CORE) $(CORE_TESTS)) \
+		$(wildcard firmware/targets/esp-idf/*/*.[ch])
+	printf '%s\n' $(filter-out factors/bindings.cpp,$(CORE_SOURCES)) | xargs -P 2 -n 2 $(BIN)/clang-tidy --quiet -p $(CTEST)
+	if tools/have.sh cppcheck; then cppcheck --quiet --enable=warning,performance,portability,style --inline-suppr \
+		--error-exitcode=1 -I . -I firmware/core firmware/core firmware/targets; fi
+
+# The table of the core's size on each processor.
+sizes: $(VENV)/ready
+	-for compiler in riscv arm xtensa; do tools/have.sh $$compiler; done
+	$(BIN)/python firmware/tests/sizes.py
 
 bench: $(VENV)/installed
 	$(BIN)/python -m experiments.bench
@@ -53,8 +69,8 @@ $(VENV)/linted-with: $(VENV)/tested-with
 	$(BIN)/python -m pip install --quiet --group lint
 	touch $@
 
-$(CTEST)/built: $(VENV)/ready $(CORE) $(wildcard tests/cpp/*)
-	$(BIN)/cmake -S . -B $(CTEST) -G Ninja -DPYTHON_MODULE=OFF -DCORE_TESTS=ON \
+$(CTEST)/built: $(VENV)/ready $(CORE) $(CORE_TESTS)
+	$(BIN)/cmake -S . -B $(CTEST) -G Ninja -DPYTHON_MODULE=OFF -DCORE_TESTS=ON -DCMAKE_COMPILE_WARNING_AS_ERROR=$(or $(CI),OFF) \
 		-DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DPython_EXECUTABLE=$(abspath $(BIN))/python
 	$(BIN)/cmake --build $(CTEST)
 	touch $@

@@ -102,6 +102,13 @@ def _parser() -> argparse.ArgumentParser:
 
     simulate = commands.add_parser("simulate", help="make a recording, with its truth")
     simulate.add_argument("recording", metavar="RECORDING", type=Path)
+    simulate.add_argument(
+        "--modules",
+        nargs="?",
+        const="one-to-n",
+        metavar="SCHEME",
+        help="let the modules' firmware range, in a simulated air: one-to-n, all-pairs or polling [one-to-n]",
+    )
     _add_scene_options(simulate)
     simulate.set_defaults(command=_simulate)
 
@@ -254,15 +261,20 @@ def _cell(number: float | None, form: str) -> str:
 
 
 def _simulate(options: argparse.Namespace) -> None:
-    from synchronizar.simulate import simulate
-
     scene = Scene(**{f.name: getattr(options, f.name) for f in fields(Scene)})
-    simulation = simulate(scene)
+    if options.modules is None:
+        from synchronizar.simulate import simulate
+
+        simulation, heard = simulate(scene), ""
+    else:
+        from synchronizar.modules import simulate_modules
+
+        _progress(f"ranging for {scene.seconds:g} s in the simulated air ...")
+        told = simulate_modules(scene, options.modules)
+        simulation, heard = told.simulation, f"; {told.datagrams} datagrams, {told.dropped} ranges dropped"
     simulation.save(options.recording)
-    ranges = len(simulation.recording.ranges)
-    _print(
-        f"{options.recording}: {len(simulation.recording.users)} users, {ranges} ranges, {simulation.late.sum()} late"
-    )
+    users, ranges = simulation.recording.users, simulation.recording.ranges
+    _print(f"{options.recording}: {len(users)} users, {len(ranges)} ranges, {simulation.late.sum()} late{heard}")
 
 
 def _add_scene_options(parser: argparse.ArgumentParser) -> None:

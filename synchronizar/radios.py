@@ -55,7 +55,7 @@ def measure(rng: np.random.Generator, scene: Scene, devices: Sequence[Device]) -
     Where one of the two has not appeared yet there is none.
     """
     t, a, b = _schedule(rng, scene)
-    late, extra = _blocked(rng, scene, t)
+    late, extra = blocked(rng, scene, t)
     a, b = np.broadcast_to(a, t.shape).ravel(), np.broadcast_to(b, t.shape).ravel()
     t, late, extra = t.ravel(), late.ravel(), extra.ravel()
 
@@ -77,25 +77,27 @@ def measure(rng: np.random.Generator, scene: Scene, devices: Sequence[Device]) -
     return Measured(ranges.select(kept), late[kept], extra[kept])
 
 
-def _schedule(rng: np.random.Generator, scene: Scene) -> tuple[Array, Indices, Indices]:
-    """Stamps (rounds, pairs) s of rounds in which each pair has its turn, and the pairs' two devices (pairs,) each."""
+def linked_pairs(scene: Scene) -> tuple[Indices, Indices]:
+    """Who ranges: both devices of each pair, (pairs,) each."""
     a, b = np.triu_indices(scene.users + scene.static_radios, 1)
     linked = a < scene.users
     if scene.links == "star":
         linked &= a == 0
     elif scene.links == "chain":
         linked &= (b == a + 1) | (a == scene.users - 1)
-    rounds, pairs = int(np.ceil(scene.seconds * scene.round_hz)), int(linked.sum())
+    return a[linked].astype(np.int32), b[linked].astype(np.int32)
+
+
+def _schedule(rng: np.random.Generator, scene: Scene) -> tuple[Array, Indices, Indices]:
+    """Stamps (rounds, pairs) s of rounds in which each pair has its turn, and the pairs' two devices (pairs,) each."""
+    a, b = linked_pairs(scene)
+    rounds, pairs = int(np.ceil(scene.seconds * scene.round_hz)), len(a)
     turn = np.arange(pairs) + 0.5 + STAMP_JITTER * rng.uniform(-1.0, 1.0, (rounds, pairs))
-    return (
-        (np.arange(rounds)[:, None] + turn / pairs) / scene.round_hz,
-        a[linked].astype(np.int32),
-        b[linked].astype(np.int32),
-    )
+    return (np.arange(rounds)[:, None] + turn / pairs) / scene.round_hz, a, b
 
 
-def _blocked(rng: np.random.Generator, scene: Scene, t: Array) -> tuple[Mask, Array]:
-    """Which of the ranges at t (rounds, pairs) are late, and by how many metres each.
+def blocked(rng: np.random.Generator, scene: Scene, t: Array) -> tuple[Mask, Array]:
+    """Which of the signals at t (rounds, pairs) are late, and by how many metres each.
 
     Each pair is a Markov process of two states. With the share q and bursts of B s on average it equals this: at random
     moments, 1 / (B (1 - q)) of them a second, the state is drawn anew, late with probability q, whatever it was.

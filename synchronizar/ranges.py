@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from synchronizar.arrays import Array, Indices, Mask, freeze_arrays
 
+SOURCES = ("module", "overheard", "android", "apple", "simulated")
+"""Who may have measured a range: a UWB module itself, or from what it overheard of others; a phone; nobody."""
+
 
 @dataclass(frozen=True)
 class Ranges:
     """n measured distances, in columns; the stamps are those of the one range clock.
 
-    Raises ValueError where the columns' lengths disagree, a distance is from a device to itself, a time is not finite
-    or a sigma not positive.
+    Raises ValueError where the columns' lengths disagree, a distance is from a device to itself, a time is not finite,
+    a sigma not positive, or a source not one of SOURCES.
     """
 
     t: Array
@@ -38,9 +41,13 @@ class Ranges:
     """(n,) dBm received in the first path; NaN where unknown."""
     nlos: Array
     """(n,) 1 where the radio itself takes the signal for a late one, 0 where not; NaN where it does not say."""
+    source: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    """(n,) index in SOURCES; -1 where unknown. An empty column is one where all are unknown."""
 
     def __post_init__(self) -> None:
         n = len(self.t)
+        if not len(self.source):
+            object.__setattr__(self, "source", np.full(n, -1, dtype=np.int32))
         for f in fields(self):
             if getattr(self, f.name).shape != (n,):
                 raise ValueError(f"the column {f.name} must have shape ({n},)")
@@ -48,6 +55,8 @@ class Ranges:
             raise ValueError("a device cannot measure the distance to itself")
         if not np.isfinite(self.t).all():
             raise ValueError("a range's time must be finite")
+        if not ((self.source >= -1) & (self.source < len(SOURCES))).all():
+            raise ValueError("a range's source must be one of SOURCES, or -1 where it is not known")
         if not (np.isnan(self.sigma) | ((self.sigma > 0.0) & np.isfinite(self.sigma))).all():
             raise ValueError("a range's sigma must be positive, or NaN where it is not known")
         freeze_arrays(self)

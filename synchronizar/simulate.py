@@ -19,14 +19,14 @@ from synchronizar.geometry import (
     multiply_quaternions,
     wrap_angle,
 )
-from synchronizar.radios import Device, measure
+from synchronizar.radios import Device, Measured, measure
 from synchronizar.recording import Recording
 from synchronizar.scene import Scene
 from synchronizar.track import Track
 from synchronizar.user import User
 from synchronizar.walkers import walk
 
-__all__ = ["Scene", "Simulation", "simulate"]
+__all__ = ["People", "Scene", "Simulation", "people_of", "simulate"]
 
 ANTENNA_REACH_M = 0.15
 RADIO_HEIGHT_M = (2.0, 3.0)
@@ -80,6 +80,43 @@ class Simulation:
 
 def simulate(scene: Scene) -> Simulation:
     """The walk that a scene describes, the same for the same scene."""
+    people, radio = people_of(scene)
+    return people.measured(scene, measure(radio, scene, people.devices))
+
+
+@dataclass(frozen=True)
+class People:
+    """Everybody in a scene, before anything is ranged; static radios are the last of them."""
+
+    users: tuple[User, ...]
+    devices: tuple[Device, ...]
+    """In truth, as many as users."""
+    tracks: Mapping[str, Track]
+    """As SLAM has them."""
+    world_from_user: Mapping[str, YawFrame]
+
+    def behind(self, seconds: float) -> People:
+        """The same people, where the range clock is so much later than it was."""
+        devices = (d if d.static else replace(d, clock_offset=d.clock_offset - seconds) for d in self.devices)
+        return replace(self, devices=tuple(devices))
+
+    def measured(self, scene: Scene, measured: Measured) -> Simulation:
+        """All of it, with the ranges that were measured."""
+        by_name = {user.name: device for user, device in zip(self.users, self.devices, strict=True)}
+        return Simulation(
+            scene=scene,
+            recording=Recording(self.users, self.tracks, measured.ranges),
+            truth={name: device.track for name, device in by_name.items()},
+            world_from_user=self.world_from_user,
+            clock_offset={name: device.clock_offset for name, device in by_name.items()},
+            range_bias={name: device.bias for name, device in by_name.items()},
+            late=measured.late,
+            extra=measured.extra,
+        )
+
+
+def people_of(scene: Scene) -> tuple[People, np.random.Generator]:
+    """Everybody in a scene, and what is random in their radios from here on."""
     # Separate streams, so that the same people walk the same ways when only their SLAM or radios change.
     motion, slam, radio = np.random.default_rng(scene.seed).spawn(3)
     users, devices, tracks, world_from_user = [], [], {}, {}
@@ -98,19 +135,7 @@ def simulate(scene: Scene) -> Simulation:
         world_from_user[name] = YawFrame(*place.tolist())
         users.append(User(name, static=True))
         devices.append(Device(true, True, np.empty((0, 3)), 0.0, scene.bias_sigma * radio.standard_normal()))
-
-    measured = measure(radio, scene, devices)
-    by_name = {user.name: device for user, device in zip(users, devices, strict=True)}
-    return Simulation(
-        scene=scene,
-        recording=Recording(tuple(users), tracks, measured.ranges),
-        truth={name: device.track for name, device in by_name.items()},
-        world_from_user=world_from_user,
-        clock_offset={name: device.clock_offset for name, device in by_name.items()},
-        range_bias={name: device.bias for name, device in by_name.items()},
-        late=measured.late,
-        extra=measured.extra,
-    )
+    return People(tuple(users), tuple(devices), tracks, world_from_user), radio
 
 
 def _names(kind: str, count: int) -> list[str]:

@@ -92,7 +92,7 @@ def test_a_track_that_cannot_be_written_is_told(tmp_path: Path) -> None:
 def test_every_column_is_read(csv: Path) -> None:
     csv.write_text(
         "source,nlos,fp_power,rx_power,antenna_b,antenna_a,sigma,range,b,a,t\n"
-        "dw,1,-81.5,-79,top,right,0.1,2.5,bob,alice,1.25\n"
+        "module,1,-81.5,-79,top,right,0.1,2.5,bob,alice,1.25\n"
         ",FALSE,,,, left , ,-0.02,beacon,alice,0.75\n"
     )
     ranges = read_ranges_csv(csv, USERS)
@@ -106,6 +106,7 @@ def test_every_column_is_read(csv: Path) -> None:
     np.testing.assert_array_equal(ranges.rx_power, [-79.0, np.nan])
     np.testing.assert_array_equal(ranges.fp_power, [-81.5, np.nan])
     np.testing.assert_array_equal(ranges.nlos, [1.0, 0.0])
+    np.testing.assert_array_equal(ranges.source, [0, -1])
 
 
 def test_a_header_alone_is_no_ranges(csv: Path) -> None:
@@ -139,6 +140,39 @@ def test_without_antenna_columns_only_users_with_several_are_in_doubt(csv: Path)
 def test_nlos_is_read_as_people_write_it(csv: Path, text: str, value: float) -> None:
     csv.write_text(f"t,a,b,range,nlos\n0,bob,beacon,1,{text}\n")
     np.testing.assert_array_equal(read_ranges_csv(csv, USERS).nlos, [value])
+
+
+def test_sources_are_read_and_a_word_of_others_is_not_known(csv: Path) -> None:
+    words = ["module", "overheard", "Android", "APPLE", "simulated", "", "dw3000", "-1", "0"]
+    csv.write_text("t,a,b,range,source\n" + "".join(f"0,bob,beacon,1,{word}\n" for word in words))
+    source = read_ranges_csv(csv, USERS).source
+    np.testing.assert_array_equal(source, [0, 1, 2, 3, 4, -1, -1, -1, -1])
+    assert source.dtype == np.int32
+
+
+def test_without_its_column_no_source_is_known(csv: Path) -> None:
+    csv.write_text("t,a,b,range\n0,bob,beacon,1\n0,beacon,bob,1\n")
+    np.testing.assert_array_equal(read_ranges_csv(csv, USERS).source, [-1, -1])
+
+
+def test_sources_are_written_as_words(csv: Path) -> None:
+    ends = np.array([2, 2, 2], dtype=np.int32), np.array([1, 1, 1], dtype=np.int32)
+    source = np.array([0, -1, 4], dtype=np.int32)
+    antenna_a = np.zeros(3, dtype=np.int32)
+    ranges = Ranges.of(np.array([0.0, 1.0, 2.0]), *ends, np.ones(3), antenna_a=antenna_a, source=source)
+    write_ranges_csv(csv, ranges, USERS)
+    assert csv.read_text() == (
+        "t,a,b,range,antenna_a,source\n0.0,bob,beacon,1.0,top,module\n1.0,bob,beacon,1.0,top,\n"
+        "2.0,bob,beacon,1.0,top,simulated\n"
+    )
+    np.testing.assert_array_equal(read_ranges_csv(csv, USERS).source, source)
+
+
+@pytest.mark.parametrize("source", [-2, 5])
+def test_a_source_that_nobody_knows_is_no_range(source: int) -> None:
+    one = np.zeros(1, dtype=np.int32)
+    with pytest.raises(ValueError, match="source"):
+        Ranges.of(np.zeros(1), one, one + 1, np.ones(1), source=one + source)
 
 
 def test_a_power_of_minus_infinity_is_not_known(csv: Path) -> None:

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from synchronizar.arrays import Indices
 from synchronizar.errors import InputError
-from synchronizar.ranges import Ranges
+from synchronizar.ranges import SOURCES, Ranges
 from synchronizar.recording import Recording
 from synchronizar.track import Track
 from synchronizar.user import User
@@ -75,6 +75,7 @@ def recordings(draw: st.DrawFn) -> Recording:
         rx_power=column(unknown | st.floats(-200.0, 50.0)),
         fp_power=column(unknown | st.floats(-200.0, 50.0)),
         nlos=column(unknown | st.sampled_from([0.0, 1.0])),
+        source=draw(arrays(np.int32, (n,), elements=st.integers(-1, len(SOURCES) - 1))),
     )
     return Recording(who, {user.name: draw(tracks()) for user in who if not user.static}, ranges)
 

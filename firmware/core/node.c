@@ -171,11 +171,15 @@ static uint64_t state_deadline(const struct node* node) {
   return node->wake_us;
 }
 
-static uint64_t go_on(struct node* node) {
+static uint64_t go_on(struct node *node) {
   look_after_state(node);
   if (node->state == NODE_ASLEEP) return node->wake_us;
-  return earlier_of(state_deadline(node),
-                    outbox_send(&node->outbox, node->hal, node->settings.key, now(node), false));
+  const uint64_t outbox_us = outbox_send(&node->outbox, node->hal, node->settings.key, now(node), false);
+  const struct ranging *ranging = &node->ranging;
+  if (ranging->state == RANGING_COORDINATING || ranging->state == RANGING_MEMBER) {
+    outbox_greet(&node->outbox, node->hal, node->settings.key, now(node), ranging->epoch, ranging->epoch_ns);
+  }
+  return earlier_of(state_deadline(node), outbox_us);
 }
 
 uint64_t node_start(struct node* node, const struct hal* hal, const struct node_settings* settings,

@@ -84,7 +84,25 @@ uint64_t outbox_send(struct outbox* outbox, const struct hal* hal, const uint8_t
     }
     if (!hal->send(hal->board, bytes, size)) return now_us + OUTBOX_GATHER_US;
     ++outbox->sequence;
+    outbox->sent_us = now_us;
     remove_oldest(outbox, count);
   }
   return UINT64_MAX;
+}
+
+void outbox_greet(struct outbox* outbox, const struct hal* hal, const uint8_t key[WIRE_KEY_SIZE], uint64_t now_us,
+                  uint32_t epoch, uint64_t time_ns) {
+  if (now_us - outbox->sent_us < OUTBOX_GREET_US) return;
+  const struct wire_ranges greeting = {
+      .session = outbox->session,
+      .reporter = outbox->reporter,
+      .sequence = outbox->sequence,
+      .epoch = epoch,
+      .time_ns = time_ns,
+      .dropped = outbox->dropped,
+  };
+  uint8_t bytes[WIRE_MAX_SIZE];
+  const size_t size = wire_write_ranges(&greeting, key, bytes);
+  outbox->sent_us = now_us;  // without a network it is tried no more often
+  if (size > 0 && hal->send(hal->board, bytes, size)) ++outbox->sequence;
 }

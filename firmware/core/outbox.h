@@ -7,6 +7,7 @@
 
 #define OUTBOX_ROOM 128         // ranges
 #define OUTBOX_GATHER_US 20000  // how long the first waits for others
+#define OUTBOX_GREET_US 1000000
 #define OUTBOX_TOO_OLD_US 500000
 
 // `range.offset_us` is left to the outbox.
@@ -21,6 +22,7 @@ struct outbox {
   uint32_t session;
   uint16_t reporter;
   uint64_t sequence;  // of the next datagram
+  uint64_t sent_us;   // when the latest left, board clock
   uint32_t dropped;
   unsigned first, count;  // a ring
   struct outbox_range ring[OUTBOX_ROOM];
@@ -37,3 +39,8 @@ void outbox_put(struct outbox* outbox, const struct outbox_range* range);
 // when to be called again (board clock); UINT64_MAX: nothing waits.
 uint64_t outbox_send(struct outbox* outbox, const struct hal* hal, const uint8_t key[WIRE_KEY_SIZE],
                      uint64_t now_us, bool all);
+
+// A datagram without ranges, if none has left for a second: who tells nothing is there all the same. What it says of the
+// network's clock is one moment of it.
+void outbox_greet(struct outbox *outbox, const struct hal *hal, const uint8_t key[WIRE_KEY_SIZE], uint64_t now_us,
+                  uint32_t epoch, uint64_t time_ns);

@@ -263,7 +263,8 @@ static void on_poll(struct ranging* r, const struct frame* poll, uint64_t stamp)
   if (!follows(r, poll)) return;
   if (r->state == RANGING_DISCOVERING || r->state == RANGING_COORDINATING) join(r, poll);
   const bool other = poll->from != r->roster.member[0].address || poll->roster != r->roster.version;
-  if (other || poll->plan.epoch != r->epoch) exchange_reset(&r->exchange);
+  const bool after_silence = r->now_us - r->roster.member[0].heard_us > silence_us(r);
+  if (other || after_silence || poll->plan.epoch != r->epoch) exchange_reset(&r->exchange);
 
   roster_follow(&r->roster, poll->from, poll->roster, &poll->plan, r->now_us);
   r->scheme = poll->plan.scheme;

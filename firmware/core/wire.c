@@ -90,7 +90,7 @@ static bool is_range(const struct wire_range* range, uint16_t reporter) {
 }
 
 static bool are_ranges(const struct wire_ranges* ranges) {
-  if (ranges->count < 1 || ranges->count > WIRE_MAX_RANGES || ranges->reporter > WIRE_LAST_ADDRESS ||
+  if (ranges->count > WIRE_MAX_RANGES || ranges->reporter > WIRE_LAST_ADDRESS ||
       ranges->time_ns > WIRE_MAX_TIME_NS)
     return false;
   for (unsigned i = 0; i < ranges->count; ++i)

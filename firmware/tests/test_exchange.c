@@ -1,6 +1,4 @@
 // Which stamps make a range; and that no loss, pause or new beginning of a clock ever makes a wrong one.
-#include <string.h>
-
 #include "check.h"
 #include "dw1000.h"
 #include "exchange.h"

@@ -219,7 +219,36 @@ static void what_cannot_be_said_does_not_stop_the_rest(void) {
   CHECK_EQUAL(network.sent[0].dropped, 1);
 }
 
+static void who_has_nothing_to_tell_greets_once_a_second(void) {
+  struct network network = {0};
+  const struct hal hal = {.board = &network, .send = send};
+  struct outbox outbox;
+  outbox_start(&outbox, 1, 7, 3);
+  for (uint64_t now = 0; now <= 3 * OUTBOX_GREET_US; now += 1000) outbox_greet(&outbox, &hal, key, now, 5, 77);
+  CHECK_EQUAL(network.count, 3);
+  CHECK_EQUAL(network.sent[0].count, 0);
+  CHECK_EQUAL(network.sent[0].epoch, 5);
+  CHECK_EQUAL(network.sent[0].time_ns, 77);
+  CHECK_EQUAL(network.sent[2].sequence, ((uint64_t)3 << 32) + 2);
+}
+
+static void who_tells_ranges_does_not_greet(void) {
+  struct network network = {0};
+  const struct hal hal = {.board = &network, .send = send};
+  struct outbox outbox;
+  outbox_start(&outbox, 1, 7, 0);
+  for (uint64_t now = 1000; now <= 2 * OUTBOX_GREET_US; now += 200000) {
+    put_at(&outbox, now);
+    outbox_send(&outbox, &hal, key, now, true);
+    outbox_greet(&outbox, &hal, key, now, 5, 77);
+  }
+  CHECK_EQUAL(network.count, 10);
+  for (unsigned i = 0; i < network.count; ++i) CHECK_EQUAL(network.sent[i].count, 1);
+}
+
 int main(void) {
+  who_has_nothing_to_tell_greets_once_a_second();
+  who_tells_ranges_does_not_greet();
   ranges_wait_for_others_and_go_together();
   sequences_rise_with_each_datagram_and_over_restarts();
   a_full_datagram_does_not_wait();

@@ -1,6 +1,4 @@
 // Time of flight from three frames' stamps.
-#include <stdlib.h>
-
 #include "check.h"
 #include "ticks.h"
 #include "twr.h"

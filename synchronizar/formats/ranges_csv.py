@@ -25,11 +25,11 @@ from synchronizar.formats.text import (
     os_faults,
     quoted,
 )
-from synchronizar.ranges import Ranges
+from synchronizar.ranges import SOURCES, Ranges
 from synchronizar.user import User
 
 REQUIRED = ("t", "a", "b", "range")
-OPTIONAL = ("sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos")
+OPTIONAL = ("sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos", "source")
 # 0.0 and 1.0 is how tables that know no blank integers write them.
 NLOS = {"": np.nan, "0": 0.0, "0.0": 0.0, "false": 0.0, "1": 1.0, "1.0": 1.0, "true": 1.0}
 CHUNK_LINES = 2048
@@ -40,6 +40,7 @@ def read_ranges_csv(path: Path, users: Sequence[User]) -> Ranges:
     """All ranges in the order of the file, users and antennas by their index in `users` and `User.antennas`.
 
     Columns may stand in any order and others beside them; blank lines are skipped; a value that is blank is not known.
+    A source that is not one of SOURCES is not known: the column is others' too.
     A range of any size is taken, nan and inf too: it was measured, and whether it can be used is judged later.
     Raises InputError where the file cannot be read or a line is not a range between two different users.
     """
@@ -65,6 +66,7 @@ def write_ranges_csv(path: Path, ranges: Ranges, users: Sequence[User]) -> None:
         "rx_power": _blank_where_unknown(ranges.rx_power),
         "fp_power": _blank_where_unknown(ranges.fp_power),
         "nlos": np.select([ranges.nlos == 0.0, ranges.nlos == 1.0], ["0", "1"], default=""),
+        "source": np.array([*SOURCES, ""], dtype=object)[ranges.source],  # -1 reads the blank
     }
     known = {name: column for name, column in columns.items() if name in REQUIRED or (column != "").any()}
     with os_faults(path), path.open("w", encoding="utf-8", newline="") as file:
@@ -190,7 +192,15 @@ def _ranges(chunk: _Chunk, users: Sequence[User]) -> Ranges:
         rx_power=_power(chunk, "rx_power"),
         fp_power=_power(chunk, "fp_power"),
         nlos=nlos,
+        source=_sources(chunk),
     )
+
+
+def _sources(chunk: _Chunk) -> Indices:
+    """(n,) index in SOURCES, -1 for other words."""
+    index_of = {word: i for i, word in enumerate(SOURCES)}
+    found = map(index_of.get, map(str.lower, chunk.columns["source"]), repeat(-1))
+    return np.fromiter(found, dtype=np.int32, count=len(chunk.lines))
 
 
 def _power(chunk: _Chunk, column: str) -> Array:

@@ -1,0 +1,251 @@
+#include "firmware/targets/host/scenario.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <functional>
+#include <limits>
+#include <map>
+#include <set>
+#include <sstream>
+
+extern "C" {
+#include "firmware/core/timetable.h"
+}
+
+namespace {
+
+using air::Femto;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kLongestS = 1e9;     // thirty years
+constexpr double kFarthestM = 1e6;    // from the origin
+constexpr double kWorstPpm = 100.0;   // no crystal is as bad as that
+constexpr double kMostDelayM = 10.0;  // nor is a calibration
+
+// Reads a line's words one after the other, and throws what is wrong with them in words of its own.
+class Words {
+ public:
+  explicit Words(const std::string& line) : in_(line) {}
+
+  std::string next(const char* what) {
+    std::string word;
+    if (!(in_ >> word)) throw std::invalid_argument(std::string(what) + " is missing");
+    return word;
+  }
+
+  void expect(const char* word) {
+    const std::string found = next(word);
+    if (found != word) throw std::invalid_argument("'" + found + "' stands where '" + word + "' is expected");
+  }
+
+  double number(const char* what, double least, double most) {
+    const std::string word = next(what);
+    char* end = nullptr;
+    const double value = std::strtod(word.c_str(), &end);
+    if (*end != '\0') throw std::invalid_argument(std::string(what) + " is '" + word + "', not a number");
+    if (!(least <= value && value <= most)) {
+      std::ostringstream fault;
+      fault << what << " is " << word << ", not from " << least << " to " << most;
+      throw std::invalid_argument(fault.str());
+    }
+    return value;
+  }
+
+  std::uint64_t whole(const char* what, std::uint64_t most) {
+    const std::string word = next(what);
+    const bool digits = std::all_of(word.begin(), word.end(), [](char c) { return '0' <= c && c <= '9'; });
+    const bool fits = digits && word.size() <= 20;
+    const std::uint64_t value = fits ? std::strtoull(word.c_str(), nullptr, 10) : 0;
+    if (!fits || value > most || std::to_string(value) != word)
+      throw std::invalid_argument(std::string(what) + " is '" + word + "', not a whole number up to " +
+                                  std::to_string(most));
+    return value;
+  }
+
+  Femto time(const char* what) { return air::seconds(number(what, 0.0, kLongestS)); }
+
+  std::uint16_t address() { return static_cast<std::uint16_t>(whole("the address", 65533)); }
+
+  void end() {
+    std::string word;
+    if (in_ >> word) throw std::invalid_argument("'" + word + "' is too much");
+  }
+
+ private:
+  std::istringstream in_;
+};
+
+class Reader {
+ public:
+  Reader() {
+    scenario_.settings.node.scheme = SCHEME_ONE_TO_N;
+    scenario_.settings.node.channel = 5;
+    scenario_.settings.node.prf_mhz = 64;
+  }
+
+  Scenario read(std::istream& text, const std::string& file) {
+    std::string line;
+    int number = 0;
+    try {
+      while (std::getline(text, line)) {
+        ++number;
+        Words words(line);
+        if (number == 1)
+          read_version(words);
+        else
+          read_line(words);
+        words.end();
+      }
+      ++number;
+      check_complete(number == 1);
+    } catch (const std::invalid_argument& fault) {
+      throw ScenarioError(file + ":" + std::to_string(number) + ": " + fault.what());
+    }
+    return scenario_;
+  }
+
+ private:
+  static void read_version(Words& words) {
+    words.expect("air");
+    words.expect("1");
+  }
+
+  void read_line(Words& words) {
+    const std::string kind = words.next("what the line is about");
+    if (kind == "node") return read_node(words);
+    if (kind == "at") return read_place(words);
+    if (kind == "late") return read_late(words);
+    if (!said_.insert(kind).second) throw std::invalid_argument("'" + kind + "' stands here once more");
+    read_setting(kind, words);
+  }
+
+  void read_setting(const std::string& kind, Words& words) {
+    air::Medium::Settings& medium = scenario_.settings.medium;
+    struct node_settings& node = scenario_.settings.node;
+    constexpr auto most32 = std::numeric_limits<std::uint32_t>::max();
+    if (kind == "seed") {
+      medium.seed = words.whole("the seed", std::numeric_limits<std::uint64_t>::max());
+    } else if (kind == "seconds") {
+      scenario_.length = words.time("the length");
+    } else if (kind == "scheme") {
+      node.scheme = scheme_of(words.next("the scheme"));
+    } else if (kind == "session") {
+      node.session = static_cast<std::uint32_t>(words.whole("the session", most32));
+    } else if (kind == "key") {
+      read_key(words.next("the key"));
+    } else if (kind == "channel") {
+      node.channel = static_cast<std::uint8_t>(one_of("the channel", {1, 2, 3, 4, 5, 7}, words));
+    } else if (kind == "prf") {
+      node.prf_mhz = static_cast<std::uint8_t>(one_of("the PRF", {16, 64}, words));
+    } else if (kind == "range_s") {
+      node.range_s = static_cast<std::uint32_t>(words.whole("range_s", most32));
+    } else if (kind == "sleep_s") {
+      node.sleep_s = static_cast<std::uint32_t>(words.whole("sleep_s", most32));
+    } else if (kind == "stamp_sigma") {
+      medium.stamp_sigma_m = words.number("stamp_sigma", 0.0, 10.0);
+    } else if (kind == "frame_loss") {
+      medium.frame_loss = words.number("frame_loss", 0.0, 1.0);
+    } else {
+      throw std::invalid_argument("'" + kind + "' is unknown");
+    }
+  }
+
+  static std::uint8_t scheme_of(const std::string& word) {
+    if (word == "one-to-n") return SCHEME_ONE_TO_N;
+    if (word == "all-pairs") return SCHEME_ALL_PAIRS;
+    if (word == "polling") return SCHEME_POLLING;
+    throw std::invalid_argument("the scheme is '" + word + "', not one-to-n, all-pairs or polling");
+  }
+
+  static std::uint64_t one_of(const char* what, const std::set<std::uint64_t>& allowed, Words& words) {
+    const std::uint64_t value = words.whole(what, *allowed.rbegin());
+    if (allowed.count(value) == 0)
+      throw std::invalid_argument(std::string(what) + " cannot be " + std::to_string(value));
+    return value;
+  }
+
+  void read_key(const std::string& word) {
+    auto& key = scenario_.settings.node.key;
+    if (word.size() != 2 * sizeof key ||
+        word.find_first_not_of("0123456789abcdefABCDEF") != std::string::npos)
+      throw std::invalid_argument("the key is not " + std::to_string(2 * sizeof key) + " hexadecimal digits");
+    for (std::size_t i = 0; i < sizeof key; ++i)
+      key[i] = static_cast<std::uint8_t>(std::stoi(word.substr(2 * i, 2), nullptr, 16));
+  }
+
+  void read_node(Words& words) {
+    const std::uint16_t address = words.address();
+    air::Module::Stint stint;
+    words.expect("ppm");
+    stint.ppm = words.number("ppm", -kWorstPpm, kWorstPpm);
+    words.expect("board_ppm");
+    stint.board_ppm = words.number("board_ppm", -kWorstPpm, kWorstPpm);
+    words.expect("on");
+    stint.on = words.time("on");
+    words.expect("off");
+    const double off_s = words.number("off", 0.0, kInfinity);
+    stint.off = off_s > kLongestS ? air::Module::kForever : air::seconds(off_s);
+    words.expect("antenna_delay_error");
+    stint.antenna_delay_error_m = words.number("antenna_delay_error", -kMostDelayM, kMostDelayM);
+    words.expect("temperature");
+    stint.temperature_c = words.number("temperature", -40.0, 85.0);  // all that a DWM1000 stands
+
+    if (stint.off <= stint.on) throw std::invalid_argument("power goes off before it goes on");
+    const auto [found, is_new] = index_.try_emplace(address, scenario_.nodes.size());
+    if (is_new) scenario_.nodes.emplace_back().address = address;
+    auto& stints = scenario_.nodes[found->second].stints;
+    if (!stints.empty() && stint.on < stints.back().off)
+      throw std::invalid_argument("node " + std::to_string(address) + " still has power then");
+    stints.push_back(stint);
+  }
+
+  air::Module::Spec& known(std::uint16_t address) {
+    const auto found = index_.find(address);
+    if (found == index_.end())
+      throw std::invalid_argument("there is no node " + std::to_string(address) + " yet");
+    return scenario_.nodes[found->second];
+  }
+
+  void read_place(Words& words) {
+    air::Track& track = known(words.address()).track;
+    const Femto t = words.time("the time");
+    air::Position position{};
+    for (double& x : position) x = words.number("a coordinate", -kFarthestM, kFarthestM);
+    track.add(t, position);
+  }
+
+  void read_late(Words& words) {
+    Scenario::Late late;
+    late.a = known(words.address()).address;
+    late.b = known(words.address()).address;
+    late.begin = words.time("the begin");
+    late.end = words.time("the end");
+    late.extra_m = words.number("the detour", 0.0, kFarthestM);
+    if (late.a == late.b) throw std::invalid_argument("both ends are node " + std::to_string(late.a));
+    if (late.end <= late.begin) throw std::invalid_argument("it ends before it begins");
+    Femto& late_until = late_until_[std::minmax({late.a, late.b})];
+    if (late.begin < late_until) throw std::invalid_argument("signals between the two are late already then");
+    late_until = late.end;
+    scenario_.late.push_back(late);
+  }
+
+  void check_complete(bool empty) const {
+    if (empty) throw std::invalid_argument("nothing stands here");
+    for (const char* kind : {"seconds", "session", "key"})
+      if (said_.count(kind) == 0) throw std::invalid_argument(std::string("'") + kind + "' is missing");
+    if (scenario_.nodes.empty()) throw std::invalid_argument("there is no node");
+    for (const air::Module::Spec& node : scenario_.nodes)
+      if (node.track.empty())
+        throw std::invalid_argument("node " + std::to_string(node.address) + " is nowhere: it has no 'at'");
+  }
+
+  Scenario scenario_;
+  std::set<std::string> said_;
+  std::map<std::uint16_t, std::size_t> index_;  // of a node, by address
+  std::map<std::pair<std::uint16_t, std::uint16_t>, Femto> late_until_;
+};
+
+}  // namespace
+
+Scenario read_scenario(std::istream& text, const std::string& file) { return Reader().read(text, file); }

@@ -1,0 +1,1 @@
+"""The live side: ranges as they come from modules and phones."""

@@ -1,0 +1,135 @@
+"""Walks whose ranges are measured by the modules' own firmware, running in a simulated air.
+
+People and their SLAM are those of `simulate`. Each device carries a module; the modules find one another, range by a
+scheme, and send what they measured by UDP to the same collector that hears real ones.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices
+from synchronizar.errors import InputError
+from synchronizar.geometry import rotate_by_quaternions
+from synchronizar.live.air import Frame
+from synchronizar.live.collect import collect
+from synchronizar.live.scenario import MOST_MODULES, SCHEMES, Blocked, Module, Scenario
+from synchronizar.radios import Device, Measured, blocked, linked_pairs
+from synchronizar.scene import Scene
+from synchronizar.simulate import Simulation, people_of
+
+CRYSTAL_PPM = 20.0
+"""By how much crystals are off, at most: IEEE 802.15.4 allows a UWB radio no more."""
+SWITCHED_ON_S = 0.05
+"""Within which those who are there from the start switch on."""
+BLOCKED_STEP_S = 0.02
+"""For so long a blocked signal's detour stays the same."""
+RANGE_OF_STAMP = np.sqrt(6.0) / 4.0
+"""1 sigma of a range over that of a stamp: double-sided ranging with equal replies errs by (n2 + 2 n4 + n6) / 4, with
+n2, n4 and n6 the noise of the stamps at which poll, answer and final come in."""
+FRAMES_OF_A_RANGE = 3
+
+
+class Heard(NamedTuple):
+    """A walk with modules, and how what they measured came through."""
+
+    simulation: Simulation
+    datagrams: int
+    dropped: int
+    """Ranges that modules gave up because they could not be sent in time."""
+    frames: list[Frame]
+    """All that was on air, if asked for."""
+
+
+def simulate_modules(scene: Scene, scheme: str, frames: bool = False) -> Heard:
+    """The walk that a scene describes, ranged by modules; the same for the same scene and scheme.
+
+    Raises InputError for what modules cannot do, naming the option, and where the simulated air is not there or fails.
+    """
+    _refuse(scene, scheme)
+    people, random = people_of(scene)
+    blockage = _blockage(random, scene)
+    scenario = Scenario(
+        seconds=scene.seconds,
+        scheme=scheme,
+        seed=int(random.integers(2**32)),
+        session=int(random.integers(2**32)),
+        key=random.bytes(32),
+        stamp_sigma=scene.sigma / RANGE_OF_STAMP,
+        frame_loss=1.0 - (1.0 - scene.loss) ** (1.0 / FRAMES_OF_A_RANGE),
+        modules=[_module(random, device) for device in people.devices],
+        blocked=blockage.spans(),
+    )
+    collected = collect(scenario, people.users, frames)
+    ranges = collected.ranges.select(blockage.column(collected.ranges.a, collected.ranges.b) >= 0)
+    extra = blockage.at(ranges.t - collected.behind, ranges.a, ranges.b)
+    simulation = people.behind(collected.behind).measured(scene, Measured(ranges, extra > 0.0, extra))
+    return Heard(simulation, collected.datagrams, collected.dropped, collected.frames)
+
+
+def _refuse(scene: Scene, scheme: str) -> None:
+    if scheme not in SCHEMES:
+        raise InputError("--modules", f"'{scheme}' is none of {', '.join(SCHEMES)}")
+    if scene.links != "all":
+        raise InputError("--links", f"modules range with everybody: '{scene.links}' does not go with --modules")
+    if scene.antennas > 1:
+        raise InputError("--antennas", f"a module has one: {scene.antennas} do not go with --modules")
+    if scene.rate_hz is not None:
+        raise InputError("--rate-hz", "does not go with --modules, which range as often as their scheme has it")
+    if scene.users + scene.static_radios > MOST_MODULES:
+        raise InputError("--users", f"--modules are at most {MOST_MODULES} in one network, static radios among them")
+
+
+def _module(random: np.random.Generator, device: Device) -> Module:
+    """What a device carries: crystals as they come, and switched on some moment after the device appears."""
+    radio_ppm, board_ppm = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
+    # Tracks begin up to one pose before everything does.
+    t = np.maximum(device.track.t - device.clock_offset, 0.0)
+    poses = device.track.at(t + device.clock_offset, max_gap=np.inf)
+    position = poses.position
+    if len(device.levers):
+        position = position + rotate_by_quaternions(poses.quat_xyzw, device.levers[0])
+    on = float(t[0]) + SWITCHED_ON_S * random.uniform()
+    return Module(radio_ppm, board_ppm, on, t, position, range_bias=device.bias)
+
+
+class _Blockage(NamedTuple):
+    """Which pairs have no line of sight when."""
+
+    a: Indices
+    """(pairs,) one device of each pair that ranges."""
+    b: Indices
+    extra: Array
+    """(steps, pairs) m, each for BLOCKED_STEP_S: by how much signals come later; 0 in line of sight."""
+
+    def column(self, a: Indices, b: Indices) -> Indices:
+        """(n,) which pair devices a and b are; -1 where they are none."""
+        k = 1 + int(max(self.a.max(), self.b.max()))
+        column = np.full((k, k), -1, dtype=np.int32)
+        column[self.a, self.b] = column[self.b, self.a] = np.arange(len(self.a))
+        return np.asarray(column[a, b])
+
+    def at(self, t: Array, a: Indices, b: Indices) -> Array:
+        """(n,) m: by how much what devices a and b measured at t (n,) s is too long."""
+        step = np.clip((t / BLOCKED_STEP_S).astype(np.intp), 0, len(self.extra) - 1)
+        return np.asarray(self.extra[step, self.column(a, b)])
+
+    def spans(self) -> Blocked:
+        step, pair = np.nonzero(self.extra)
+        # The end of one is the begin of the next to the last bit.
+        edges = _edges(len(self.extra))
+        return Blocked(self.a[pair], self.b[pair], edges[step], edges[step + 1], self.extra[step, pair])
+
+
+def _blockage(random: np.random.Generator, scene: Scene) -> _Blockage:
+    a, b = linked_pairs(scene)
+    begin = _edges(int(np.ceil(scene.seconds / BLOCKED_STEP_S)))[:-1]
+    _, extra = blocked(random, scene, np.broadcast_to(begin[:, None], (len(begin), len(a))))
+    return _Blockage(a, b, extra)
+
+
+def _edges(steps: int) -> Array:
+    """(steps + 1,) s."""
+    return BLOCKED_STEP_S * np.arange(steps + 1, dtype=float)
