@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CORE_SOURCES := $(wildcard factors/*.cpp firmware/core/*.c firmware/sim/*.cpp firmware/targets/host/*.cpp)
-CORE := CMakeLists.txt firmware/CMakeLists.txt $(CORE_SOURCES) $(wildcard factors/*.h firmware/*/*.h firmware/targets/host/*.h)
+CORE := CMakeLists.txt firmware/CMakeLists.txt $(CORE_SOURCES) $(wildcard $(addsuffix /*.h,factors firmware/core firmware/sim firmware/targets/host))
 CORE_TESTS := $(wildcard tests/cpp/* firmware/tests/*.[ch] firmware/tests/*/*.[ch] firmware/tests/*/*.cpp)
 CTEST := build/ctest
 
@@ -13,10 +13,14 @@ export FUZZ_SECONDS ?= 5
 
 STUDIES := sampling_space distance sample_count pointing traces sweeps ranges_needed beside_bound beside_recordings
 
-.PHONY: demo test lint sizes bench experiments clean
+.PHONY: demo modules test lint sizes bench experiments clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m experiments.demo --out demo
+
+# The modules' firmware in the simulated air, from walks to registration.
+modules: $(VENV)/tested-with
+	$(BIN)/python -m experiments.modules
 
 test: $(VENV)/tested-with $(CTEST)/built
 	$(BIN)/ctest --test-dir $(CTEST) --output-on-failure --parallel 2
@@ -29,10 +33,10 @@ lint: $(VENV)/linted-with $(CTEST)/built
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/clang-format --dry-run --Werror $(filter-out %.txt,$(CORE) $(CORE_TESTS)) \
-		$(wildcard firmware/targets/esp-idf/*/*.[ch])
+		$(wildcard firmware/targets/esp-idf/*/*.[ch] firmware/targets/esp-idf/*/*/*.[ch])
 	printf '%s\n' $(filter-out factors/bindings.cpp,$(CORE_SOURCES)) | xargs -P 2 -n 2 $(BIN)/clang-tidy --quiet -p $(CTEST)
-	if tools/have.sh cppcheck; then cppcheck --quiet --enable=warning,performance,portability,style --inline-suppr \
-		--error-exitcode=1 -I . -I firmware/core firmware/core firmware/targets; fi
+	if tools/have.sh cppcheck; then cppcheck --quiet --enable=warning,performance,portability,style --error-exitcode=1 \
+		-I firmware/core firmware/core firmware/targets/esp-idf; fi
 
 # The table of the core's size on each processor.
 sizes: $(VENV)/ready

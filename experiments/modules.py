@@ -1,8 +1,7 @@
 """The whole chain: three walkers whose modules range in the simulated air, collected by UDP, registered, evaluated.
 
 `python -m experiments.modules [--walks 4]`: the same walks of 12 s (ranges good to 0.03 m, one in ten late) with each
-scheme, the paper's own rate (polling) among them; each without and with the ranges' 1 sigma being told to the solver,
-which otherwise takes them for the 0.1 m of the paper. How soon somebody is registered counts from when modules are
+scheme, the paper's own rate (polling) among them. How soon somebody is registered counts from when modules are
 switched on. The first walk is drawn: what is on air for 20 ms, and how wrong ranges are.
 """
 
@@ -20,17 +19,13 @@ from experiments.markdown import markdown
 from experiments.results import write_table
 from experiments.study import figure, rms
 from experiments.walks import on_all_cores
-from synchronizar.arrays import Array
 from synchronizar.evaluate import evaluate
-from synchronizar.geometry import rotate_by_quaternions
 from synchronizar.live.air import Frame
-from synchronizar.live.scenario import SCHEMES
 from synchronizar.modules import simulate_modules
 from synchronizar.pipeline import register
-from synchronizar.recording import Recording
 from synchronizar.registration import State
 from synchronizar.replay import replay
-from synchronizar.scene import Scene
+from synchronizar.scene import SCHEMES, Scene
 from synchronizar.simulate import Simulation
 
 SCENE = Scene(users=3, seconds=12.0, sigma=0.03, late_share=0.1)
@@ -39,7 +34,7 @@ OFF_M = 0.6
 PICTURE = Path(__file__).parent / "figures" / "modules.png"
 SHOWN_S = (6.0, 6.02)
 ROLES = {"poll": "#332288", "answer": "#44AA99", "final": "#CC6677"}
-SIGHT = {"line of sight": "#332288", "none": "#CC6677"}
+SIGHT = {"line of sight": "#332288", "without it": "#CC6677"}
 
 
 class Task(NamedTuple):
@@ -63,17 +58,10 @@ class Found(NamedTuple):
     """s after the modules are switched on, when registered; infinity for never."""
 
 
-def walk(task: Task) -> tuple[Found, Found]:
-    """Both without and with the ranges' sigma."""
+def walk(task: Task) -> Found:
+    """Registered at once, and as it would have come."""
     simulation = simulate_modules(replace(SCENE, seed=task.seed), task.scheme).simulation
     recording = simulation.recording
-    sigma = np.full(len(recording.ranges), SCENE.sigma)
-    told = replace(recording, ranges=replace(recording.ranges, sigma=sigma))
-    return found(recording, simulation), found(told, simulation)
-
-
-def found(recording: Recording, simulation: Simulation) -> Found:
-    """Registered at once, and as it would have come."""
     registration = register(recording)
     evaluation = evaluate(registration.tracks(recording), simulation.truth, registration.reference)
     others = [name for name in registration.users if name != registration.reference]
@@ -94,13 +82,12 @@ def _known(figure: float | None) -> float:
     return np.nan if figure is None else figure
 
 
-def row_of(scheme: str, sigma: str, walks: list[Found]) -> dict[str, Any]:
+def row_of(scheme: str, walks: list[Found]) -> dict[str, Any]:
     """A line of the table."""
     off, first = np.concatenate([w.off_xy for w in walks]), np.concatenate([w.first for w in walks])
     registered = np.array([state is State.REGISTERED for w in walks for state in w.states])
     return {
         "scheme": scheme,
-        "sigma": sigma,
         "Hz": float(np.mean([w.hz for w in walks])),
         "registered": f"{registered.sum()} of {len(registered)}",
         "of these off > 0.6 m": int((off[registered] > OFF_M).sum()),
@@ -108,21 +95,8 @@ def row_of(scheme: str, sigma: str, walks: list[Found]) -> dict[str, Any]:
         "largest xy, m": float(off.max()),
         "rms yaw, rad": rms(np.concatenate([w.yaw for w in walks])),
         "ever registered in 12 s": f"{np.isfinite(first).sum()} of {len(first)}",
-        "median s until then": float(np.median(first)),
+        "median s until then": float(np.median(first)) if np.isfinite(np.median(first)) else None,
     }
-
-
-def range_errors(simulation: Simulation) -> Array:
-    """(n,) m: measured minus true distance of each range."""
-    ranges, ends = simulation.recording.ranges, []
-    for who, antenna in ((ranges.a, ranges.antenna_a), (ranges.b, ranges.antenna_b)):
-        position = np.empty((len(ranges), 3))
-        for i, user in enumerate(simulation.recording.users):
-            mine = who == i
-            poses = simulation.truth[user.name].at(ranges.t[mine] + simulation.clock_offset[user.name], np.inf)
-            position[mine] = poses.position + rotate_by_quaternions(poses.quat_xyzw, user.levers[antenna[mine]])
-        ends.append(position)
-    return np.asarray(ranges.distance - np.linalg.norm(ends[0] - ends[1], axis=1))
 
 
 def draw() -> None:
@@ -160,21 +134,21 @@ def _role(frame: Frame, coordinator: int) -> str:
 
 
 def _draw_errors(ax: Axes, simulation: Simulation) -> None:
-    error, late, nlos = range_errors(simulation), simulation.late, simulation.recording.ranges.nlos
+    error, late, nlos = simulation.range_errors(), simulation.late, simulation.recording.ranges.nlos
     bins = np.arange(-0.2, min(3.0, float(error.max())) + 0.02, 0.02)
-    hints = []
     for (sight, colour), mine in zip(SIGHT.items(), (~late, late), strict=True):
-        off = error[mine] - simulation.extra[mine]
-        what = f"{sight}: {mine.sum()}, beside what was put in {100 * off.mean():+.1f} ± {100 * off.std():.1f} cm"
-        ax.hist(error[mine], bins, color=colour, alpha=0.8, label=what)
-        shares = [np.mean(nlos[mine] == 1.0), np.mean(nlos[mine] == 0.0), np.mean(np.isnan(nlos[mine]))]
-        hints.append(
-            f"{sight}: taken for blocked {shares[0]:.1%}, for clear {shares[1]:.1%}, undecided {shares[2]:.1%}"
-        )
+        off = 100.0 * (error[mine] - simulation.extra[mine])
+        label = f"{sight}: {mine.sum()}, beside what the air put in {off.mean():+.1f} cm, sd {off.std():.1f} cm"
+        ax.hist(error[mine], bins, color=colour, alpha=0.8, label=label)
+    blocked, clear = nlos == 1.0, nlos == 0.0
+    hints = (
+        f"in line of sight clear {clear[~late].mean():.1%}, blocked {blocked[~late].mean():.1%}; "
+        f"without it clear {clear[late].mean():.1%}, blocked {blocked[late].mean():.1%}"
+    )
     ax.set_yscale("log")
     ax.set_xlabel("measured minus true distance, m")
     ax.set_ylabel("ranges")
-    ax.set_title("Errors of ranges in 12 s. By the modules' own hint, " + "\n".join(hints), loc="left")
+    ax.set_title(f"Errors of ranges. What the modules themselves take signals for:\n{hints}", loc="left")
     ax.legend(loc="upper right", frameon=False)
 
 
@@ -186,11 +160,10 @@ def main() -> None:
     draw()
     tasks = [Task(scheme, seed) for scheme in SCHEMES for seed in range(options.walks)]
     results = list(on_all_cores(walk, tasks))
-    rows = []
-    for scheme in SCHEMES:
-        walks = [result for task, result in zip(tasks, results, strict=True) if task.scheme == scheme]
-        for sigma, of in zip(("unknown", f"{SCENE.sigma:g} m"), zip(*walks, strict=True), strict=True):
-            rows.append(row_of(scheme, sigma, list(of)))
+    rows = [
+        row_of(scheme, [found for task, found in zip(tasks, results, strict=True) if task.scheme == scheme])
+        for scheme in SCHEMES
+    ]
     write_table("modules", rows, vars(options))
     print(markdown(rows))
 

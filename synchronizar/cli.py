@@ -19,7 +19,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn, get_type_hints
 
 from synchronizar.errors import InputError
-from synchronizar.scene import Scene
+from synchronizar.scene import SCHEMES, Scene
 
 if TYPE_CHECKING:
     from synchronizar.evaluate import Evaluation
@@ -102,13 +102,8 @@ def _parser() -> argparse.ArgumentParser:
 
     simulate = commands.add_parser("simulate", help="make a recording, with its truth")
     simulate.add_argument("recording", metavar="RECORDING", type=Path)
-    simulate.add_argument(
-        "--modules",
-        nargs="?",
-        const="one-to-n",
-        metavar="SCHEME",
-        help="let the modules' firmware range, in a simulated air: one-to-n, all-pairs or polling [one-to-n]",
-    )
+    simulate.add_argument("--modules", action="store_true", help="let the modules' firmware range, in a simulated air")
+    simulate.add_argument("--scheme", choices=SCHEMES, help=f"who of the modules sends when [{SCHEMES[0]}]")
     _add_scene_options(simulate)
     simulate.set_defaults(command=_simulate)
 
@@ -262,7 +257,9 @@ def _cell(number: float | None, form: str) -> str:
 
 def _simulate(options: argparse.Namespace) -> None:
     scene = Scene(**{f.name: getattr(options, f.name) for f in fields(Scene)})
-    if options.modules is None:
+    if not options.modules:
+        if options.scheme is not None:
+            raise InputError("--scheme", "is that of modules: it needs --modules")
         from synchronizar.simulate import simulate
 
         simulation, heard = simulate(scene), ""
@@ -270,7 +267,7 @@ def _simulate(options: argparse.Namespace) -> None:
         from synchronizar.modules import simulate_modules
 
         _progress(f"ranging for {scene.seconds:g} s in the simulated air ...")
-        told = simulate_modules(scene, options.modules)
+        told = simulate_modules(scene, options.scheme or SCHEMES[0])
         simulation, heard = told.simulation, f"; {told.datagrams} datagrams, {told.dropped} ranges dropped"
     simulation.save(options.recording)
     users, ranges = simulation.recording.users, simulation.recording.ranges

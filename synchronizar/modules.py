@@ -12,11 +12,10 @@ import numpy as np
 
 from synchronizar.arrays import Array, Indices
 from synchronizar.errors import InputError
-from synchronizar.geometry import rotate_by_quaternions
 from synchronizar.live.air import Frame
 from synchronizar.live.collect import collect
-from synchronizar.live.scenario import MOST_MODULES, SCHEMES, Blocked, Module, Scenario
-from synchronizar.radios import Device, Measured, blocked, linked_pairs
+from synchronizar.live.scenario import MOST_MODULES, Blocked, Module, Scenario
+from synchronizar.radios import Device, Measured, antenna_positions, bursts, linked_pairs
 from synchronizar.scene import Scene
 from synchronizar.simulate import Simulation, people_of
 
@@ -25,10 +24,21 @@ CRYSTAL_PPM = 20.0
 SWITCHED_ON_S = 0.05
 """Within which those who are there from the start switch on."""
 BLOCKED_STEP_S = 0.02
-"""For so long a blocked signal's detour stays the same."""
+"""At its multiples bursts of late signals begin and end."""
 RANGE_OF_STAMP = np.sqrt(6.0) / 4.0
-"""1 sigma of a range over that of a stamp: double-sided ranging with equal replies errs by (n2 + 2 n4 + n6) / 4, with
-n2, n4 and n6 the noise of the stamps at which poll, answer and final come in."""
+"""1 sigma of a range over that of a stamp, where both replies take equally long: double-sided ranging then errs by
+(n2 + 2 n4 + n6) / 4, with n2, n4 and n6 the noise of the stamps at which poll, answer and final come in. Where the
+first reply takes the share u of both it errs by ((1 - u) n2 + n4 + u n6) / 2, so that the ratio is 0.61 to 0.71."""
+MOST_M = {
+    "sigma": 5.0,
+    "late_mean": 100.0,
+    "bias_sigma": 1.0,
+    "area": 1000.0,
+    "height": 1000.0,
+    "height_spread": 100.0,
+    "height_bob": 1000.0,
+}
+"""m: so that neither noise nor chance leads beyond what the simulated air takes (firmware/targets/host/SCENARIO.md)."""
 FRAMES_OF_A_RANGE = 3
 
 
@@ -48,9 +58,9 @@ def simulate_modules(scene: Scene, scheme: str, frames: bool = False) -> Heard:
 
     Raises InputError for what modules cannot do, naming the option, and where the simulated air is not there or fails.
     """
-    _refuse(scene, scheme)
+    _refuse(scene)
     people, random = people_of(scene)
-    blockage = _blockage(random, scene)
+    blockage = blockage_of(random, scene)
     scenario = Scenario(
         seconds=scene.seconds,
         scheme=scheme,
@@ -69,9 +79,10 @@ def simulate_modules(scene: Scene, scheme: str, frames: bool = False) -> Heard:
     return Heard(simulation, collected.datagrams, collected.dropped, collected.frames)
 
 
-def _refuse(scene: Scene, scheme: str) -> None:
-    if scheme not in SCHEMES:
-        raise InputError("--modules", f"'{scheme}' is none of {', '.join(SCHEMES)}")
+def _refuse(scene: Scene) -> None:
+    for name, most in MOST_M.items():
+        if abs(value := getattr(scene, name)) > most:
+            raise InputError(f"--{name.replace('_', '-')}", f"is at most {most:g} m with --modules, not {value:g}")
     if scene.links != "all":
         raise InputError("--links", f"modules range with everybody: '{scene.links}' does not go with --modules")
     if scene.antennas > 1:
@@ -87,22 +98,21 @@ def _module(random: np.random.Generator, device: Device) -> Module:
     radio_ppm, board_ppm = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
     # Tracks begin up to one pose before everything does.
     t = np.maximum(device.track.t - device.clock_offset, 0.0)
-    poses = device.track.at(t + device.clock_offset, max_gap=np.inf)
-    position = poses.position
-    if len(device.levers):
-        position = position + rotate_by_quaternions(poses.quat_xyzw, device.levers[0])
+    first = np.zeros(len(t), dtype=np.int32)
+    position, _ = antenna_positions([device], t, first, first)
     on = float(t[0]) + SWITCHED_ON_S * random.uniform()
     return Module(radio_ppm, board_ppm, on, t, position, range_bias=device.bias)
 
 
-class _Blockage(NamedTuple):
+class Blockage(NamedTuple):
     """Which pairs have no line of sight when."""
 
     a: Indices
     """(pairs,) one device of each pair that ranges."""
     b: Indices
     extra: Array
-    """(steps, pairs) m, each for BLOCKED_STEP_S: by how much signals come later; 0 in line of sight."""
+    """(steps, pairs) m, each for BLOCKED_STEP_S: by how much signals come later, the same all through a burst; 0 where
+    there is a line of sight."""
 
     def column(self, a: Indices, b: Indices) -> Indices:
         """(n,) which pair devices a and b are; -1 where they are none."""
@@ -112,24 +122,22 @@ class _Blockage(NamedTuple):
         return np.asarray(column[a, b])
 
     def at(self, t: Array, a: Indices, b: Indices) -> Array:
-        """(n,) m: by how much what devices a and b measured at t (n,) s is too long."""
+        """(n,) m: by how much signals between devices a and b come later at t (n,) s."""
         step = np.clip((t / BLOCKED_STEP_S).astype(np.intp), 0, len(self.extra) - 1)
         return np.asarray(self.extra[step, self.column(a, b)])
 
     def spans(self) -> Blocked:
-        step, pair = np.nonzero(self.extra)
-        # The end of one is the begin of the next to the last bit.
-        edges = _edges(len(self.extra))
-        return Blocked(self.a[pair], self.b[pair], edges[step], edges[step + 1], self.extra[step, pair])
+        """The same as the air is told."""
+        edges = BLOCKED_STEP_S * np.arange(len(self.extra) + 1, dtype=float)
+        change = np.diff((self.extra > 0.0).astype(np.int8), axis=0, prepend=0, append=0).T
+        pair, begin = np.nonzero(change > 0)
+        _, end = np.nonzero(change < 0)
+        return Blocked(self.a[pair], self.b[pair], edges[begin], edges[end], self.extra[begin, pair])
 
 
-def _blockage(random: np.random.Generator, scene: Scene) -> _Blockage:
+def blockage_of(random: np.random.Generator, scene: Scene) -> Blockage:
+    """When signals between a scene's devices are late."""
     a, b = linked_pairs(scene)
-    begin = _edges(int(np.ceil(scene.seconds / BLOCKED_STEP_S)))[:-1]
-    _, extra = blocked(random, scene, np.broadcast_to(begin[:, None], (len(begin), len(a))))
-    return _Blockage(a, b, extra)
-
-
-def _edges(steps: int) -> Array:
-    """(steps + 1,) s."""
-    return BLOCKED_STEP_S * np.arange(steps + 1, dtype=float)
+    begin = BLOCKED_STEP_S * np.arange(np.ceil(scene.seconds / BLOCKED_STEP_S))
+    _, extra = bursts(random, scene, np.broadcast_to(begin[:, None], (len(begin), len(a))))
+    return Blockage(a, b, extra)

@@ -55,23 +55,24 @@ def measure(rng: np.random.Generator, scene: Scene, devices: Sequence[Device]) -
     Where one of the two has not appeared yet there is none.
     """
     t, a, b = _schedule(rng, scene)
-    late, extra = blocked(rng, scene, t)
+    late, detour = bursts(rng, scene, t)
+    # Log-normal with mean 1: late signals only ever come longer.
+    flutter = np.exp(DETOUR_FLUCTUATION * rng.standard_normal(t.shape) - 0.5 * DETOUR_FLUCTUATION**2)
+    extra = detour * flutter
     a, b = np.broadcast_to(a, t.shape).ravel(), np.broadcast_to(b, t.shape).ravel()
     t, late, extra = t.ravel(), late.ravel(), extra.ravel()
 
     antennas = np.array([len(d.levers) for d in devices])
     antenna_a, antenna_b = (_pick_antenna(rng, antennas[end]) for end in (a, b))
-    p_a, a_there = _antenna_positions(devices, t, a, antenna_a)
-    p_b, b_there = _antenna_positions(devices, t, b, antenna_b)
+    true, both_there = true_distances(devices, t, (a, antenna_a), (b, antenna_b))
     bias = np.array([d.bias for d in devices])
-    true = np.linalg.norm(p_a - p_b, axis=1)
     noise = scene.sigma * rng.standard_normal(len(t))
     optional: dict[str, Array | Indices] = {"antenna_a": antenna_a, "antenna_b": antenna_b}
     if scene.power:
         optional["rx_power"], optional["fp_power"] = _power(rng, true, late)
     ranges = Ranges.of(t, a, b, true + bias[a] + bias[b] + extra + noise, **optional)
 
-    there = a_there & b_there & (t < scene.seconds) & (rng.uniform(size=len(t)) >= scene.loss)
+    there = both_there & (t < scene.seconds) & (rng.uniform(size=len(t)) >= scene.loss)
     order = np.argsort(t, kind="stable")
     kept = order[there[order]]
     return Measured(ranges.select(kept), late[kept], extra[kept])
@@ -96,8 +97,8 @@ def _schedule(rng: np.random.Generator, scene: Scene) -> tuple[Array, Indices, I
     return (np.arange(rounds)[:, None] + turn / pairs) / scene.round_hz, a, b
 
 
-def blocked(rng: np.random.Generator, scene: Scene, t: Array) -> tuple[Mask, Array]:
-    """Which of the signals at t (rounds, pairs) are late, and by how many metres each.
+def bursts(rng: np.random.Generator, scene: Scene, t: Array) -> tuple[Mask, Array]:
+    """Which of the signals at t (rounds, pairs) are late, and by how many metres on average over their burst.
 
     Each pair is a Markov process of two states. With the share q and bursts of B s on average it equals this: at random
     moments, 1 / (B (1 - q)) of them a second, the state is drawn anew, late with probability q, whatever it was.
@@ -114,10 +115,8 @@ def blocked(rng: np.random.Generator, scene: Scene, t: Array) -> tuple[Mask, Arr
     begins = late.copy()
     begins[1:] &= ~late[:-1]
     level = SHORTEST_DETOUR_M + rng.exponential(scene.late_mean - SHORTEST_DETOUR_M, t.shape)
-    burst = np.take_along_axis(level, np.maximum.accumulate(np.where(begins, row, 0)), axis=0)
-    # Log-normal with mean 1: late signals only ever come longer.
-    flutter = np.exp(DETOUR_FLUCTUATION * rng.standard_normal(t.shape) - 0.5 * DETOUR_FLUCTUATION**2)
-    return late, np.where(late, burst * flutter, 0.0)
+    of_burst = np.take_along_axis(level, np.maximum.accumulate(np.where(begins, row, 0)), axis=0)
+    return late, np.where(late, of_burst, 0.0)
 
 
 def _pick_antenna(rng: np.random.Generator, count: Indices) -> Indices:
@@ -125,7 +124,19 @@ def _pick_antenna(rng: np.random.Generator, count: Indices) -> Indices:
     return np.where(count > 0, rng.integers(0, np.maximum(count, 1)), -1).astype(np.int32)
 
 
-def _antenna_positions(devices: Sequence[Device], t: Array, who: Indices, antenna: Indices) -> tuple[Array, Mask]:
+def true_distances(
+    devices: Sequence[Device], t: Array, end_a: tuple[Indices, Indices], end_b: tuple[Indices, Indices]
+) -> tuple[Array, Mask]:
+    """True distances (n,) m at range stamps t (n,), and whether both devices were there yet (n,).
+
+    An end is whose it is and which antenna, (n,) each.
+    """
+    p_a, a_there = antenna_positions(devices, t, *end_a)
+    p_b, b_there = antenna_positions(devices, t, *end_b)
+    return np.linalg.norm(p_a - p_b, axis=1), a_there & b_there
+
+
+def antenna_positions(devices: Sequence[Device], t: Array, who: Indices, antenna: Indices) -> tuple[Array, Mask]:
     """True positions (n, 3) m of the antennas at range stamps t (n,), and whether the device was there yet (n,)."""
     position, there = np.empty((len(t), 3)), np.ones(len(t), dtype=bool)
     for i, device in enumerate(devices):

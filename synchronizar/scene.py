@@ -10,6 +10,8 @@ from synchronizar.errors import InputError
 WALKS = ("free", "line", "still")
 LINKS = ("all", "star", "chain")
 UPS = ("z", "y")
+SCHEMES = ("one-to-n", "all-pairs", "polling")
+"""Who of the modules sends when: firmware/core/timetable.h."""
 
 SHORTEST_DETOUR_M = 0.3
 """A late signal is at least this much longer than the direct way."""
@@ -98,7 +100,7 @@ class Scene:
     antennas: int = 0
     """How many antennas each user's device has, within 0.15 m of its origin; 0: one at the origin."""
     power: bool = False
-    """Whether ranges tell the received power, in all and of the first path."""
+    """Whether ranges tell the received power, in all and of the first path; those of modules always do."""
     up: str = "z"
     """`z` or `y`: which axis points up in the tracks that are saved. In memory it is always z."""
 

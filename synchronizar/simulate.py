@@ -19,7 +19,7 @@ from synchronizar.geometry import (
     multiply_quaternions,
     wrap_angle,
 )
-from synchronizar.radios import Device, Measured, measure
+from synchronizar.radios import Device, Measured, measure, true_distances
 from synchronizar.recording import Recording
 from synchronizar.scene import Scene
 from synchronizar.track import Track
@@ -49,7 +49,24 @@ class Simulation:
     late: Mask
     """(n,) whether each of the recording's ranges was measured without line of sight."""
     extra: Array
-    """(n,) m: by how much that made it too long."""
+    """(n,) m: by how much that made it too long. A module's range takes three frames and this is how late signals came
+    when it was measured: where a burst begins or ends amid the frames, the range has but a part of it."""
+
+    def range_errors(self) -> Array:
+        """(n,) m: measured minus true distance of each of the recording's ranges."""
+        devices = [
+            Device(
+                self.truth[user.name],
+                user.static,
+                user.levers[:-1],
+                self.clock_offset[user.name],
+                self.range_bias[user.name],
+            )
+            for user in self.recording.users
+        ]
+        r = self.recording.ranges
+        true, _ = true_distances(devices, r.t, (r.a, r.antenna_a), (r.b, r.antenna_b))
+        return r.distance - true
 
     def save(self, path: Path) -> None:
         """Write the recording as a folder, with truth/<user>.tum and truth/ranges.csv.

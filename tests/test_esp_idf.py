@@ -42,11 +42,28 @@ def test_sources_compile_against_the_stubs_without_a_warning(compiler: str, sett
     run(*COMPILERS[compiler], *WARNINGS, *SETTINGS[settings], "-fsyntax-only", *folders, *SOURCES)
 
 
-@pytest.mark.parametrize(("name", "folders"), [("command", (MAIN, CORE)), ("hal_esp", (STUBS, MAIN, CORE))])
-def test_what_does_not_need_the_board_behaves(name: str, folders: tuple[Path, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize("gpio", range(40))
+def test_a_button_that_cannot_wake_the_board_stops_the_build(gpio: int) -> None:
+    setting = f"-DCONFIG_SYNCHRONIZAR_BUTTON_GPIO={gpio}"
+    words = ["cc", *WARNINGS, setting, "-fsyntax-only", f"-I{STUBS}", f"-I{MAIN}", str(MAIN / "power.c")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    # Pins with an RTC function: ESP32 datasheet, table "RTC_MUX pin summary".
+    wakes = gpio in {0, 2, 4, 12, 13, 14, 15, 25, 26, 27} or gpio >= 32
+    assert (done.returncode == 0) == wakes
+    assert wakes or "cannot wake the ESP32" in done.stderr
+
+
+# With sources of the core that they call, and whether ESP-IDF is pretended.
+BEHAVING = {"command": (["calibration.c"], False), "hal_esp": ([], True), "network": ([], True)}
+
+
+@pytest.mark.parametrize("name", BEHAVING)
+def test_what_does_not_need_the_board_behaves(name: str, tmp_path: Path) -> None:
     program = tmp_path / name
-    includes = [f"-I{folder}" for folder in (REPOSITORY, *folders)]
-    sources = [TARGET / f"tests/test_{name}.c", MAIN / f"{name}.c"]
+    needed, pretended = BEHAVING[name]
+    folders = [REPOSITORY, *([STUBS] if pretended else []), MAIN, CORE]
+    includes = [f"-I{folder}" for folder in folders]
+    sources = [TARGET / f"tests/test_{name}.c", MAIN / f"{name}.c", *(CORE / file for file in needed)]
     run("cc", *WARNINGS, "-g", "-fsanitize=address,undefined", *includes, *sources, "-lm", "-o", program)
     run(program)
 
@@ -73,6 +90,18 @@ def test_the_stubs_settings_are_the_defaults_of_kconfig() -> None:
     stub = dict(re.findall(r"#define CONFIG_(SYNCHRONIZAR_\w+) (-?\d+)", (STUBS / "sdkconfig.h").read_text()))
     assert stub == defaults
     assert used_settings() == {*defaults, "SYNCHRONIZAR_BATTERY"}
+
+
+def test_only_what_the_radio_has_can_be_chosen() -> None:
+    kconfiglib = pytest.importorskip("esp_kconfiglib")
+    kconfig = kconfiglib.Kconfig(str(MAIN / "Kconfig.projbuild"))
+    chosen: dict[str, list[int]] = {"CHANNEL": [], "PRF_MHZ": [], "SCHEME": []}
+    for number, values in chosen.items():
+        choice = f"SYNCHRONIZAR_{number.removesuffix('_MHZ')}_CHOICE"
+        for option in kconfig.named_choices[choice].syms:
+            option.set_value("y")
+            values.append(int(kconfig.syms[f"SYNCHRONIZAR_{number}"].str_value))
+    assert chosen == {"CHANNEL": [1, 2, 3, 4, 5, 7], "PRF_MHZ": [16, 64], "SCHEME": [0, 1, 2]}
 
 
 def test_kconfig_keeps_to_its_style(tmp_path: Path) -> None:

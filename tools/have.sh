@@ -26,12 +26,13 @@ esac
 probe() { "probe_$1" > /dev/null 2>&1; }
 
 apt_install() {  # $packages
-  command -v apt-get > /dev/null || return 1
+  command -v apt-get > /dev/null && [ "${APT:-yes}" = yes ] || return 1
+  echo "installing $packages (not with APT=no)" >&2
   local as_root=()
   [ "$(id -u)" = 0 ] || as_root=(sudo -n)
   # shellcheck disable=SC2086  # a list of words
-  { ${as_root[@]+"${as_root[@]}"} apt-get update && ${as_root[@]+"${as_root[@]}"} env DEBIAN_FRONTEND=noninteractive \
-    apt-get install --yes --no-install-recommends $packages; } > /dev/null 2>&1
+  { ${as_root[@]+"${as_root[@]}"} timeout 120 apt-get update && ${as_root[@]+"${as_root[@]}"} env DEBIAN_FRONTEND=noninteractive \
+    timeout 600 apt-get install --yes --no-install-recommends $packages; } > /dev/null 2>&1
 }
 
 probe "$1" || { apt_install && probe "$1"; } || {

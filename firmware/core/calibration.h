@@ -8,6 +8,7 @@
 struct calibration {
   uint32_t antenna_delay;  // ticks, of sending and receiving together, at
   int16_t temperature_cc;  // 1/100 degrees Celsius
+  uint16_t sigma_mm;       // 1 sigma of its ranges to another at rest, in line of sight; 0: unknown
 };
 
 // Antenna delay at a temperature: a module's ranges get longer by 2.15 mm per degree (APS014), and a change

@@ -1,5 +1,6 @@
 #include "dw1000.h"
 
+#include "bytes.h"
 #include "dw1000_power.h"
 #include "dw1000_registers.h"
 #include "dw1000_spi.h"
@@ -306,13 +307,6 @@ enum dw1000_result dw1000_send_at(struct dw1000* radio, uint64_t at, const uint8
   return DW1000_OK;
 }
 
-enum dw1000_result dw1000_send(struct dw1000* radio, const uint8_t* frame, size_t size, bool then_listen) {
-  if (size > DW1000_MAX_FRAME) return DW1000_BAD_SETTING;
-  load_frame(radio, frame, size);
-  put(radio, DW1000_SYS_CTRL, DW1000_CTRL_TXSTRT | (then_listen ? DW1000_CTRL_WAIT4RESP : 0), 1);
-  return DW1000_OK;
-}
-
 // ---- What happened
 
 static struct dw1000_event sent(struct dw1000* radio) {
@@ -352,12 +346,12 @@ static void take_quality(const struct dw1000* radio, uint16_t rxpacc, struct dw1
   dw1000_read(radio->hal, DW1000_RX_FQUAL, quality, sizeof quality);
   dw1000_read(radio->hal, DW1000_RX_TIME, time, sizeof time);
   const uint16_t symbols = dw1000_symbols(rxpacc, (uint16_t)get(radio, DW1000_RXPACC_NOSAT, 2));
-  const uint16_t f1 = (uint16_t)dw1000_number(&time[7], 2);
-  const uint16_t f2 = (uint16_t)dw1000_number(&quality[2], 2);
-  const uint16_t f3 = (uint16_t)dw1000_number(&quality[4], 2);
-  event->stamp = dw1000_number(time, STAMP_SIZE);
+  const uint16_t f1 = (uint16_t)bytes_get(&time[7], 2);
+  const uint16_t f2 = (uint16_t)bytes_get(&quality[2], 2);
+  const uint16_t f3 = (uint16_t)bytes_get(&quality[4], 2);
+  event->stamp = bytes_get(time, STAMP_SIZE);
   event->fp_power_cdbm = dw1000_first_path_cdbm(radio->prf, f1, f2, f3, symbols);
-  event->rx_power_cdbm = dw1000_received_cdbm(radio->prf, (uint16_t)dw1000_number(&quality[6], 2), symbols);
+  event->rx_power_cdbm = dw1000_received_cdbm(radio->prf, (uint16_t)bytes_get(&quality[6], 2), symbols);
   event->clock_ppb = clock_ppb(radio);
 }
 

@@ -69,9 +69,6 @@ uint64_t dw1000_stamp_of(const struct dw1000* radio, uint64_t at);
 enum dw1000_result dw1000_send_at(struct dw1000* radio, uint64_t at, const uint8_t* frame, size_t size,
                                   bool then_listen);
 
-// Sends at once.
-enum dw1000_result dw1000_send(struct dw1000* radio, const uint8_t* frame, size_t size, bool then_listen);
-
 // Neither sends nor listens.
 void dw1000_idle(struct dw1000* radio);
 

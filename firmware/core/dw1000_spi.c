@@ -1,5 +1,7 @@
 #include "dw1000_spi.h"
 
+#include "bytes.h"
+
 #define WRITE 0x80u
 #define SUB_INDEX 0x40u
 #define EXTENDED 0x80u
@@ -31,20 +33,14 @@ void dw1000_write(const struct hal* hal, enum dw1000_register to, const uint8_t*
   hal->spi_write(hal->board, header, header_size, data, size);
 }
 
-uint64_t dw1000_number(const uint8_t* bytes, size_t size) {
-  uint64_t value = 0;
-  for (size_t i = 0; i < size; ++i) value |= (uint64_t)bytes[i] << (8 * i);
-  return value;
-}
-
 uint64_t dw1000_read_number(const struct hal* hal, enum dw1000_register from, size_t size) {
   uint8_t bytes[8] = {0};
   dw1000_read(hal, from, bytes, size);
-  return dw1000_number(bytes, size);
+  return bytes_get(bytes, size);
 }
 
 void dw1000_write_number(const struct hal* hal, enum dw1000_register to, uint64_t value, size_t size) {
   uint8_t bytes[8];
-  for (size_t i = 0; i < sizeof bytes; ++i) bytes[i] = (uint8_t)(value >> (8 * i));
+  bytes_put(bytes, value, sizeof bytes);
   dw1000_write(hal, to, bytes, size);
 }

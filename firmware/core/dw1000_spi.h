@@ -10,6 +10,3 @@ void dw1000_write(const struct hal* hal, enum dw1000_register to, const uint8_t*
 // Numbers of 1 to 8 bytes.
 uint64_t dw1000_read_number(const struct hal* hal, enum dw1000_register from, size_t size);
 void dw1000_write_number(const struct hal* hal, enum dw1000_register to, uint64_t value, size_t size);
-
-// Of `size` bytes in memory.
-uint64_t dw1000_number(const uint8_t* bytes, size_t size);

@@ -1,5 +1,6 @@
 #include "frame.h"
 
+#include "bytes.h"
 #include "ticks.h"
 #include "timetable.h"
 
@@ -14,6 +15,19 @@ enum { HAS_PLAN = 1, LEAVING = 2, JOINING = 4, ALL_FLAGS = HAS_PLAN | LEAVING | 
 _Static_assert(9 + 13 + 6 * FRAME_MEMBERS + 14 + 2 * (FRAME_MEMBERS - 1) <= FRAME_MAX,
                "no frame is too long");
 
+// Nobody is in it twice.
+static bool plan_sayable(const struct frame_plan* plan, uint16_t coordinator) {
+  if (plan->scheme >= SCHEMES || plan->members > FRAME_MEMBERS - 1 || plan->time_ns > FRAME_LATEST_NS)
+    return false;
+  for (unsigned i = 0; i < plan->members; ++i) {
+    if (plan->member[i] > FRAME_LAST_ADDRESS || plan->member[i] == coordinator) return false;
+    for (unsigned j = 0; j < i; ++j) {
+      if (plan->member[j] == plan->member[i]) return false;
+    }
+  }
+  return true;
+}
+
 static bool sayable(const struct frame* frame) {
   if (frame->from > FRAME_LAST_ADDRESS) return false;
   if (frame->kind == FRAME_JOIN) return true;
@@ -21,16 +35,12 @@ static bool sayable(const struct frame* frame) {
   for (unsigned i = 0; i < FRAME_MEMBERS; ++i) {
     if ((frame->heard >> i & 1) != 0 && frame->stamp[i].received > TICKS_MASK) return false;
   }
-  if (!frame->has_plan) return true;
-  if (frame->plan.scheme >= SCHEMES || frame->plan.members > FRAME_MEMBERS - 1) return false;
-  for (unsigned i = 0; i < frame->plan.members; ++i) {
-    if (frame->plan.member[i] > FRAME_LAST_ADDRESS) return false;
-  }
-  return true;
+  return !frame->has_plan || (frame->slot == 0 && plan_sayable(&frame->plan, frame->from));
 }
 
 static void put(uint8_t** to, uint64_t value, unsigned size) {
-  for (unsigned i = 0; i < size; ++i) *(*to)++ = (uint8_t)(value >> 8 * i);
+  bytes_put(*to, value, size);
+  *to += size;
 }
 
 static void put_stamps(uint8_t** to, const struct frame* frame) {
@@ -89,8 +99,7 @@ static uint64_t get(struct reader* from, unsigned size) {
     from->left = 0;
     return 0;
   }
-  uint64_t value = 0;
-  for (unsigned i = 0; i < size; ++i) value |= (uint64_t)from->at[i] << 8 * i;
+  const uint64_t value = bytes_get(from->at, size);
   from->at += size;
   from->left -= size;
   return value;

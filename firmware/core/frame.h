@@ -9,7 +9,8 @@
 #define FRAME_MAX 125     // bytes without the FCS
 #define FRAME_MEMBERS 11  // in a network, its coordinator among them
 #define FRAME_EVERYBODY 0xFFFF
-#define FRAME_LAST_ADDRESS 0xFFFD  // 0xFFFE is a device without a short address (IEEE 802.15.4)
+#define FRAME_LATEST_NS (UINT64_C(1) << 62)  // of a network's clock
+#define FRAME_LAST_ADDRESS 0xFFFD            // 0xFFFE is a device without a short address (IEEE 802.15.4)
 
 enum frame_kind {
   FRAME_WORD = 1,  // stamps, and from the coordinator the plan

@@ -1,10 +1,19 @@
 #include "node.h"
 
+#include "ticks.h"
+
 #define RETRY_US 1000000             // a radio that does not answer is tried again
 #define CALIBRATE_EVERY_US 30000000  // modules warm up within minutes, by a millimetre or two each
-#define DEAD_US 5000000  // a network that works is never silent for so long, nor is one that is looked for
+#define LEAST_CC (-4000)         // of what modules work in (DS 5.1), hundredths of a degree; a sensor that
+#define MOST_CC 8500             // tells anything else is not believed
 #define LEAVE_WITHIN_US 1000000  // then it leaves without a word
 #define MOST_EVENTS 8            // in one call; the interrupt line calls again
+
+_Static_assert((int)FRAME_MAX == (int)DW1000_MAX_FRAME, "each frame fits into the radio");
+_Static_assert(FRAME_LAST_ADDRESS == WIRE_LAST_ADDRESS && FRAME_LATEST_NS == WIRE_MAX_TIME_NS,
+               "what is said on the air can be told on the network");
+_Static_assert(DW1000_UNKNOWN_POWER == WIRE_UNKNOWN_POWER && DW1000_UNKNOWN_CLOCK == WIRE_UNKNOWN_CLOCK,
+               "what is not known is passed on as it is");
 
 static uint64_t now(const struct node* node) { return node->hal->now_us(node->hal->board); }
 
@@ -28,6 +37,7 @@ static struct dw1000_settings radio_settings(const struct node* node) {
 static void calibrate(struct node* node) {
   node->calibrated_us = now(node);
   const int16_t temperature_cc = dw1000_temperature_cc(&node->radio);
+  if (temperature_cc < LEAST_CC || temperature_cc > MOST_CC) return;
   dw1000_set_antenna_delay(&node->radio,
                            calibration_antenna_delay(&node->settings.calibration, temperature_cc));
 }
@@ -48,18 +58,11 @@ static void start_radio(struct node* node, bool sleeps) {
       .address = node->settings.address,
       .scheme = node->settings.scheme,
       .restarts = node->settings.restarts,
+      .epochs = node->ranging.settings.epochs,
   };
   node->ranging_us =
       ranging_start(&node->ranging, &node->radio, &ranging, node->hal->random(node->hal->board));
   node->alive_us = now(node);
-}
-
-static void leave(struct node* node, uint32_t sleep_s) {
-  node->sleep_s = sleep_s;
-  if (node->state == NODE_RANGING) {
-    enter(node, NODE_LEAVING);
-    ranging_leave(&node->ranging);
-  }
 }
 
 static void fall_asleep(struct node* node) {
@@ -67,6 +70,17 @@ static void fall_asleep(struct node* node) {
   dw1000_sleep(&node->radio);
   enter(node, NODE_ASLEEP);
   node->wake_us = node->since_us + (uint64_t)node->sleep_s * 1000000;
+}
+
+// A board whose radio does not answer sleeps too: it would be empty within a day.
+static void leave(struct node* node, uint32_t sleep_s) {
+  node->sleep_s = sleep_s;
+  if (node->state == NODE_RANGING) {
+    enter(node, NODE_LEAVING);
+    ranging_leave(&node->ranging);
+  } else if (node->state == NODE_SILENT) {
+    fall_asleep(node);
+  }
 }
 
 static int32_t rounded_mm(int32_t um) { return (um + (um < 0 ? -500 : 500)) / 1000; }
@@ -84,7 +98,7 @@ static void report(struct node* node, const struct ranging_result* result) {
               .source = result->overheard ? WIRE_OVERHEARD : WIRE_MODULE,
               .status = WIRE_MEASURED,
               .distance_mm = rounded_mm(result->distance_um - bias_um),
-              .sigma_mm = WIRE_UNKNOWN_SIGMA,
+              .sigma_mm = s->calibration.sigma_mm > 0 ? s->calibration.sigma_mm : WIRE_UNKNOWN_SIGMA,
               .sight = (uint8_t)calibration_sight(result->rx_power_cdbm, result->fp_power_cdbm),
               .rx_power_cdbm = result->rx_power_cdbm,
               .fp_power_cdbm = result->fp_power_cdbm,
@@ -128,26 +142,31 @@ static void serve_radio(struct node* node) {
 
 static bool ranged_enough(const struct node* node) {
   const struct node_settings* s = &node->settings;
-  return s->range_s > 0 && s->sleep_s > 0 && now(node) - node->since_us >= (uint64_t)s->range_s * 1000000;
+  return s->range_s > 0 && s->sleep_s > 0 && now(node) - node->began_us >= (uint64_t)s->range_s * 1000000;
 }
 
 static void look_after_state(struct node* node) {
+  const uint64_t now_us = now(node);
   switch (node->state) {
     case NODE_SILENT:
-      if (now(node) >= node->wake_us) start_radio(node, false);
+      if (ranged_enough(node)) {
+        leave(node, node->settings.sleep_s);
+      } else if (now_us >= node->wake_us) {
+        start_radio(node, false);
+      }
       break;
     case NODE_RANGING:
       if (ranged_enough(node)) {
         leave(node, node->settings.sleep_s);
-      } else if (now(node) - node->alive_us >= DEAD_US) {
+      } else if (now_us - node->alive_us >= RANGING_NEVER_SILENT_US) {
         start_radio(node, false);
-      } else if (now(node) - node->calibrated_us >= CALIBRATE_EVERY_US &&
+      } else if (now_us - node->calibrated_us >= CALIBRATE_EVERY_US &&
                  node->ranging.waiting == WAITING_NOTHING) {
         calibrate(node);
       }
       break;
     case NODE_LEAVING:
-      if (node->ranging.state == RANGING_LEFT || now(node) - node->since_us >= LEAVE_WITHIN_US)
+      if (node->ranging.state == RANGING_LEFT || now_us - node->since_us >= LEAVE_WITHIN_US)
         fall_asleep(node);
       break;
     case NODE_ASLEEP:
@@ -155,12 +174,10 @@ static void look_after_state(struct node* node) {
   }
 }
 
-static uint64_t earlier_of(uint64_t a, uint64_t b) { return a < b ? a : b; }
-
 static uint64_t state_deadline(const struct node* node) {
   switch (node->state) {
     case NODE_RANGING:
-      return earlier_of(node->ranging_us, node->alive_us + DEAD_US);
+      return earlier_of(node->ranging_us, node->alive_us + RANGING_NEVER_SILENT_US);
     case NODE_LEAVING:
       if (node->ranging.state == RANGING_LEFT) return 0;
       return earlier_of(node->ranging_us, node->since_us + LEAVE_WITHIN_US);
@@ -171,13 +188,13 @@ static uint64_t state_deadline(const struct node* node) {
   return node->wake_us;
 }
 
-static uint64_t go_on(struct node *node) {
+static uint64_t go_on(struct node* node) {
   look_after_state(node);
   if (node->state == NODE_ASLEEP) return node->wake_us;
   const uint64_t outbox_us = outbox_send(&node->outbox, node->hal, node->settings.key, now(node), false);
-  const struct ranging *ranging = &node->ranging;
-  if (ranging->state == RANGING_COORDINATING || ranging->state == RANGING_MEMBER) {
-    outbox_greet(&node->outbox, node->hal, node->settings.key, now(node), ranging->epoch, ranging->epoch_ns);
+  if (node->state == NODE_RANGING) {
+    outbox_greet(&node->outbox, node->hal, node->settings.key, now(node), node->ranging.epoch,
+                 node->ranging.epoch_ns);
   }
   return earlier_of(state_deadline(node), outbox_us);
 }
@@ -185,32 +202,34 @@ static uint64_t go_on(struct node *node) {
 uint64_t node_start(struct node* node, const struct hal* hal, const struct node_settings* settings,
                     bool radio_sleeps) {
   *node = (struct node){.hal = hal, .settings = *settings};
+  node->began_us = now(node);
   outbox_start(&node->outbox, settings->session, settings->address, settings->restarts);
   start_radio(node, radio_sleeps);
   return go_on(node);
 }
 
 uint64_t node_run(struct node* node) {
-  const bool ranges = node->state == NODE_RANGING || node->state == NODE_LEAVING;
-  if (ranges) {
+  if (node->state == NODE_RANGING || node->state == NODE_LEAVING) {
     serve_radio(node);
     if (now(node) >= node->ranging_us) tell_ranging(node, &(struct ranging_event){.kind = RANGING_DEADLINE});
   }
   return go_on(node);
 }
 
+// An order answers a datagram of this start of ours: an old one that is played again cannot put us to sleep.
+static bool is_for_us(struct node* node, const struct wire_order* order) {
+  return order->session == node->settings.session && order->module == node->settings.address &&
+         order->sequence >> 32 == node->settings.restarts && order->sequence < node->outbox.sequence &&
+         wire_window_take(&node->orders, order->sequence);
+}
+
 uint64_t node_hear(struct node* node, const uint8_t* datagram, size_t size) {
   struct wire_order order;
-  // An order answers a datagram of this start of ours: an old one that is played again cannot put us to
-  // sleep.
-  if (wire_read_order(datagram, size, node->settings.key, &order) &&
-      order.session == node->settings.session && order.module == node->settings.address &&
-      order.sequence >> 32 == node->settings.restarts && order.sequence < node->outbox.sequence &&
-      wire_window_take(&node->orders, order.sequence)) {
+  if (wire_read_order(datagram, size, node->settings.key, &order) && is_for_us(node, &order)) {
     if (order.sleep_s > 0) {
       leave(node, order.sleep_s);
     } else {
-      node->since_us = now(node);
+      node->began_us = now(node);
     }
   }
   return go_on(node);

@@ -33,7 +33,8 @@ struct node {
   const struct hal* hal;
   struct node_settings settings;
   enum node_state state;
-  uint64_t since_us;       // begin of the state, board clock
+  uint64_t began_us;       // since when it ranges, for `range_s`; board clock, as all here
+  uint64_t since_us;       // begin of the state
   uint64_t wake_us;        // SILENT, ASLEEP: when it is started anew
   uint64_t calibrated_us;  // when temperature was last looked at
   uint64_t alive_us;       // when the radio last did something

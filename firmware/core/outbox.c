@@ -90,8 +90,8 @@ uint64_t outbox_send(struct outbox* outbox, const struct hal* hal, const uint8_t
   return UINT64_MAX;
 }
 
-void outbox_greet(struct outbox* outbox, const struct hal* hal, const uint8_t key[WIRE_KEY_SIZE], uint64_t now_us,
-                  uint32_t epoch, uint64_t time_ns) {
+void outbox_greet(struct outbox* outbox, const struct hal* hal, const uint8_t key[WIRE_KEY_SIZE],
+                  uint64_t now_us, uint32_t epoch, uint64_t time_ns) {
   if (now_us - outbox->sent_us < OUTBOX_GREET_US) return;
   const struct wire_ranges greeting = {
       .session = outbox->session,

@@ -40,7 +40,7 @@ void outbox_put(struct outbox* outbox, const struct outbox_range* range);
 uint64_t outbox_send(struct outbox* outbox, const struct hal* hal, const uint8_t key[WIRE_KEY_SIZE],
                      uint64_t now_us, bool all);
 
-// A datagram without ranges, if none has left for a second: who tells nothing is there all the same. What it says of the
-// network's clock is one moment of it.
-void outbox_greet(struct outbox *outbox, const struct hal *hal, const uint8_t key[WIRE_KEY_SIZE], uint64_t now_us,
-                  uint32_t epoch, uint64_t time_ns);
+// A datagram without ranges, if none has left for a second: who tells nothing is there all the same. What it
+// says of the network's clock is one moment of it.
+void outbox_greet(struct outbox* outbox, const struct hal* hal, const uint8_t key[WIRE_KEY_SIZE],
+                  uint64_t now_us, uint32_t epoch, uint64_t time_ns);

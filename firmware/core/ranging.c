@@ -9,9 +9,14 @@
 #define JOIN_EVERY_US 100000  // on average
 #define SILENT_ROUNDS 16      // at 30 % loss of every frame this happens once in 10^8 rounds
 #define SILENT_AT_LEAST_US 50000
-#define MEMBER_SILENT_US 500000  // or so many rounds, whichever is more; then it is dropped
-#define SENT_WITHIN_US 5000      // after its moment; or the radio has forgotten it
+#define SILENT_AT_MOST_US 2000000
+#define TAKE_OVER_STEP_US UINT64_C(20000)  // time for several polls of whoever is first
+#define MEMBER_SILENT_US 500000            // or so many rounds, whichever is more; then it is dropped
+#define SENT_WITHIN_US 5000                // after its moment; or the radio has forgotten it
 #define MOST_BACKOFF 16
+
+_Static_assert(SILENT_AT_MOST_US + FRAME_MEMBERS * TAKE_OVER_STEP_US < RANGING_NEVER_SILENT_US,
+               "a network that works is never silent for so long");
 
 static uint32_t draw(struct ranging* r, uint32_t below) {  // xorshift (Marsaglia 2003)
   r->random ^= r->random << 13;
@@ -19,10 +24,6 @@ static uint32_t draw(struct ranging* r, uint32_t below) {  // xorshift (Marsagli
   r->random ^= r->random << 5;
   return r->random % below;
 }
-
-static uint64_t later_of(uint64_t a, uint64_t b) { return a > b ? a : b; }
-
-static uint64_t earlier_of(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
 // --- The round
 // -------------------------------------------------------------------------------------------------------
@@ -44,14 +45,14 @@ static unsigned own_slot(const struct ranging* r, unsigned from) {
 }
 
 static uint64_t silence_us(const struct ranging* r) {
-  return later_of(SILENT_AT_LEAST_US,
-                  (uint64_t)SILENT_ROUNDS * timetable_round_us(r->scheme, r->roster.members));
+  const uint64_t rounds_us = (uint64_t)SILENT_ROUNDS * timetable_round_us(r->scheme, r->roster.members);
+  return earlier_of(later_of(SILENT_AT_LEAST_US, rounds_us), SILENT_AT_MOST_US);
 }
 
 // When a member gives up its coordinator: one after the other, so that the first to do so is heard by the
 // rest.
 static uint64_t take_over_us(const struct ranging* r) {
-  return r->heard_us + silence_us(r) + 2 * (uint64_t)r->us * timetable_round_us(r->scheme, r->roster.members);
+  return r->heard_us + silence_us(r) + r->us * TAKE_OVER_STEP_US;
 }
 
 static uint64_t network_ns(const struct ranging* r, uint64_t ticks) {
@@ -59,13 +60,12 @@ static uint64_t network_ns(const struct ranging* r, uint64_t ticks) {
   return since < 0 ? r->epoch_ns - ticks_to_ns((uint64_t)-since) : r->epoch_ns + ticks_to_ns((uint64_t)since);
 }
 
-// Slot `slot` was sent or came in at `stamp`: that tells when the round began.
-static void set_round(struct ranging* r, unsigned slot, uint64_t stamp) {
+// Slot 0 was sent or came in at `stamp`.
+static void set_round(struct ranging* r, uint64_t stamp) {
   const struct hal* hal = r->radio->hal;
   const uint64_t since_us = ticks_to_ns(ticks_between(stamp, dw1000_now(r->radio))) / 1000;
-  const uint32_t before_us = in_round_us(r, slot);
-  r->round_ticks = ticks_after(stamp, TICKS_MASK + 1 - ticks_of_us(before_us));
-  r->round_us = hal->now_us(hal->board) - since_us - before_us;
+  r->round_ticks = stamp;
+  r->round_us = hal->now_us(hal->board) - since_us;
 }
 
 // --- States
@@ -94,19 +94,40 @@ static void begin_rounds(struct ranging* r) {
   exchange_reset(&r->exchange);
 }
 
+// No two alike, as good as: of a thousand networks' names two coincide once in ten thousand times. The mixing
+// is that of MurmurHash3 (Appleby 2011).
+static uint32_t mixed(uint32_t x) {
+  x = (x ^ x >> 16) * 0x85EBCA6BU;
+  x = (x ^ x >> 13) * 0xC2B2AE35U;
+  return x ^ x >> 16;
+}
+
+static void begin_epoch(struct ranging* r) {
+  const struct ranging_settings* s = &r->settings;
+  r->epoch = mixed(mixed(mixed(s->address + 1U) ^ s->restarts) ^ s->epochs);
+  ++r->settings.epochs;
+}
+
 static void begin_network(struct ranging* r) {
   roster_begin(&r->roster, r->settings.address, r->now_us);
   r->scheme = r->settings.scheme;
-  r->epoch = ((uint32_t)r->settings.address << 16) ^ (r->settings.restarts << 3) ^ (r->epochs & 7U);
-  ++r->epochs;
+  begin_epoch(r);
   r->epoch_ticks = dw1000_now(r->radio);
   r->epoch_ns = 0;
   begin_rounds(r);
 }
 
-static void take_over(struct ranging* r) {
+// After a coordinator that said that it leaves nobody else goes on by its clock. One that is silent may be
+// out of reach alone: time runs on, by a clock of another name.
+static void take_over(struct ranging* r, bool silent) {
+  if (silent) begin_epoch(r);
   roster_take_over(&r->roster, r->us, r->now_us);
   begin_rounds(r);
+}
+
+static void leave_now(struct ranging* r) {
+  r->state = RANGING_LEFT;
+  dw1000_idle(r->radio);
 }
 
 static void join(struct ranging* r, const struct frame* poll) {
@@ -114,6 +135,7 @@ static void join(struct ranging* r, const struct frame* poll) {
   r->roster_found = poll->roster;
   r->tries = 0;
   r->backoff = 0;
+  if (r->leaving) leave_now(r);
 }
 
 // --- Sending
@@ -133,6 +155,7 @@ static void send(struct ranging* r, struct frame* frame, enum ranging_waiting wh
     return;
   }
   r->waiting = what;
+  r->last_word = frame->leaving;
   r->sent = frame->sent;
   r->deadline_us = at_us + SENT_WITHIN_US;
 }
@@ -221,17 +244,14 @@ static void on_sent(struct ranging* r, uint64_t stamp) {
   if (what == WAITING_POLL) {
     r->epoch_ns = network_ns(r, r->sent);
     r->epoch_ticks = r->sent;
-    set_round(r, 0, r->sent);
+    set_round(r, r->sent);
   }
   if (stamp == r->sent) {
     exchange_sent(&r->exchange, r->sequence, stamp);
   } else {
     exchange_reset(&r->exchange);  // what the frame said of itself was not so
   }
-  if (r->leaving) {
-    r->state = RANGING_LEFT;
-    dw1000_idle(r->radio);
-  }
+  if (r->last_word) leave_now(r);
 }
 
 // --- Receiving
@@ -274,14 +294,14 @@ static void on_poll(struct ranging* r, const struct frame* poll, uint64_t stamp)
   r->heard_us = r->now_us;
   r->round = poll->round;
   r->joining = poll->plan.joining;
-  set_round(r, poll->slot, stamp);
+  set_round(r, stamp);
 
   const int us = roster_find(&r->roster, r->settings.address);
   // The same list as when we came may have us in it from before we started: by then our clock was another.
   if (us > 0 && (r->state == RANGING_MEMBER || poll->roster != r->roster_found)) {
     r->state = RANGING_MEMBER;
     r->us = (uint8_t)us;
-    r->slot = own_slot(r, poll->slot + 1U);
+    r->slot = own_slot(r, 1);
     return;
   }
   if (r->state == RANGING_MEMBER) join(r, poll);
@@ -297,7 +317,7 @@ static void on_word(struct ranging* r, const struct frame* frame, const struct r
   member->gone |= frame->leaving;
   if (r->state != RANGING_MEMBER && r->state != RANGING_COORDINATING) return;
   if (frame->leaving && peer == 0 && r->us == 1) {
-    take_over(r);
+    take_over(r, false);
     return;
   }
 
@@ -386,7 +406,7 @@ static void on_deadline(struct ranging* r) {
       break;
     case RANGING_MEMBER:
       if (r->now_us >= take_over_us(r)) {
-        take_over(r);
+        take_over(r, true);
       } else {
         send_word(r);
       }
@@ -438,8 +458,5 @@ uint64_t ranging_on_event(struct ranging* r, const struct ranging_event* event, 
 
 void ranging_leave(struct ranging* r) {
   r->leaving = true;
-  if (r->state == RANGING_DISCOVERING || r->state == RANGING_JOINING) {
-    r->state = RANGING_LEFT;
-    dw1000_idle(r->radio);
-  }
+  if (r->state == RANGING_DISCOVERING || r->state == RANGING_JOINING) leave_now(r);
 }

@@ -25,7 +25,8 @@ struct ranging_settings {
   uint16_t pan;
   uint16_t address;
   uint8_t scheme;     // where this node coordinates
-  uint32_t restarts;  // tells this node's network clocks from its earlier ones
+  uint32_t restarts;  // of this node, and
+  uint32_t epochs;    // epochs that it has begun since the latest: no epoch is named twice
 };
 
 enum ranging_event_kind { RANGING_DEADLINE, RANGING_SENT, RANGING_RECEIVED, RANGING_LOST };
@@ -50,6 +51,10 @@ struct ranging_result {
   uint64_t time_ns;  // when our own frame of the exchange was sent
 };
 
+// Longer than a network that works is ever silent, and than looking for one takes; far below half a wrap of
+// the stamps.
+#define RANGING_NEVER_SILENT_US 5000000
+
 #define RANGING_JOIN_SLOTS 2  // at the end of a round that has them
 
 enum ranging_waiting { WAITING_NOTHING, WAITING_WORD, WAITING_POLL, WAITING_JOIN };
@@ -67,7 +72,6 @@ struct ranging {
   struct roster roster;
   uint8_t us;  // our own number
   uint32_t epoch;
-  uint8_t epochs;                  // begun by this node since it started
   uint64_t epoch_ticks, epoch_ns;  // one moment by the radio's and by the network's clock
   uint64_t heard_us;               // when anything of this network was last heard
 
@@ -81,6 +85,7 @@ struct ranging {
 
   // The frame that waits in the radio for its moment.
   enum ranging_waiting waiting;
+  bool last_word;  // that says that we leave
   uint8_t sequence;
   uint64_t sent;  // the stamp it will have
 

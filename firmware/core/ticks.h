@@ -25,3 +25,7 @@ static inline int64_t ticks_until(uint64_t from, uint64_t to) {
   const int64_t ahead = (int64_t)ticks_between(from, to);
   return ahead > (int64_t)(TICKS_MASK >> 1) ? ahead - (int64_t)TICKS_MASK - 1 : ahead;
 }
+
+// Of two moments of the board's clock.
+static inline uint64_t earlier_of(uint64_t a, uint64_t b) { return a < b ? a : b; }
+static inline uint64_t later_of(uint64_t a, uint64_t b) { return a > b ? a : b; }

@@ -1,6 +1,7 @@
 #include "wire.h"
 
 #include "blake2s.h"
+#include "bytes.h"
 #include "calibration.h"
 
 // Offsets as in PROTOCOL.md, "On the network". What both kinds begin with:
@@ -36,16 +37,6 @@ enum {
 
 static const uint8_t magic[4] = {'S', 'Y', 'N', 'C'};
 
-static void put(uint8_t* at, uint64_t value, size_t size) {
-  for (size_t i = 0; i < size; ++i) at[i] = (uint8_t)(value >> 8 * i);
-}
-
-static uint64_t get(const uint8_t* at, size_t size) {
-  uint64_t value = 0;
-  for (size_t i = 0; i < size; ++i) value |= (uint64_t)at[i] << 8 * i;
-  return value;
-}
-
 static void tag_of(const uint8_t* bytes, size_t size, const uint8_t key[WIRE_KEY_SIZE],
                    uint8_t tag[WIRE_TAG_SIZE]) {
   blake2s(tag, WIRE_TAG_SIZE, key, WIRE_KEY_SIZE, bytes, size);
@@ -68,17 +59,17 @@ static void put_begin(uint8_t* bytes, enum wire_kind kind, uint8_t count, uint32
   bytes[AT_KIND] = (uint8_t)kind;
   bytes[AT_COUNT] = count;
   bytes[AT_RESERVED_7] = 0;
-  put(bytes + AT_SESSION, session, 4);
-  put(bytes + AT_ADDRESS, address, 2);
-  put(bytes + AT_RESERVED_14, 0, 2);
-  put(bytes + AT_SEQUENCE, sequence, 8);
+  bytes_put(bytes + AT_SESSION, session, 4);
+  bytes_put(bytes + AT_ADDRESS, address, 2);
+  bytes_put(bytes + AT_RESERVED_14, 0, 2);
+  bytes_put(bytes + AT_SEQUENCE, sequence, 8);
 }
 
 static bool begins_as(const uint8_t* bytes, enum wire_kind kind) {
   for (size_t i = 0; i < sizeof magic; ++i)
     if (bytes[AT_MAGIC + i] != magic[i]) return false;
   return bytes[AT_VERSION] == WIRE_VERSION && bytes[AT_KIND] == kind && bytes[AT_RESERVED_7] == 0 &&
-         get(bytes + AT_RESERVED_14, 2) == 0;
+         bytes_get(bytes + AT_RESERVED_14, 2) == 0;
 }
 
 static bool is_range(const struct wire_range* range, uint16_t reporter) {
@@ -99,31 +90,31 @@ static bool are_ranges(const struct wire_ranges* ranges) {
 }
 
 static void put_range(uint8_t* at, const struct wire_range* range) {
-  put(at + RANGE_PEER, range->peer, 2);
+  bytes_put(at + RANGE_PEER, range->peer, 2);
   at[RANGE_SOURCE] = range->source;
   at[RANGE_STATUS] = range->status;
-  put(at + RANGE_DISTANCE, (uint32_t)range->distance_mm, 4);
-  put(at + RANGE_OFFSET, (uint32_t)range->offset_us, 4);
-  put(at + RANGE_CLOCK, (uint32_t)range->clock_ppb, 4);
-  put(at + RANGE_SIGMA, range->sigma_mm, 2);
-  put(at + RANGE_RX_POWER, (uint16_t)range->rx_power_cdbm, 2);
-  put(at + RANGE_FP_POWER, (uint16_t)range->fp_power_cdbm, 2);
+  bytes_put(at + RANGE_DISTANCE, (uint32_t)range->distance_mm, 4);
+  bytes_put(at + RANGE_OFFSET, (uint32_t)range->offset_us, 4);
+  bytes_put(at + RANGE_CLOCK, (uint32_t)range->clock_ppb, 4);
+  bytes_put(at + RANGE_SIGMA, range->sigma_mm, 2);
+  bytes_put(at + RANGE_RX_POWER, (uint16_t)range->rx_power_cdbm, 2);
+  bytes_put(at + RANGE_FP_POWER, (uint16_t)range->fp_power_cdbm, 2);
   at[RANGE_SIGHT] = range->sight;
   at[RANGE_RESERVED_23] = 0;
 }
 
 static struct wire_range get_range(const uint8_t* at) {
   return (struct wire_range){
-      .peer = (uint16_t)get(at + RANGE_PEER, 2),
+      .peer = (uint16_t)bytes_get(at + RANGE_PEER, 2),
       .source = at[RANGE_SOURCE],
       .status = at[RANGE_STATUS],
-      .distance_mm = (int32_t)get(at + RANGE_DISTANCE, 4),
-      .sigma_mm = (uint16_t)get(at + RANGE_SIGMA, 2),
+      .distance_mm = (int32_t)bytes_get(at + RANGE_DISTANCE, 4),
+      .sigma_mm = (uint16_t)bytes_get(at + RANGE_SIGMA, 2),
       .sight = at[RANGE_SIGHT],
-      .offset_us = (int32_t)get(at + RANGE_OFFSET, 4),
-      .rx_power_cdbm = (int16_t)get(at + RANGE_RX_POWER, 2),
-      .fp_power_cdbm = (int16_t)get(at + RANGE_FP_POWER, 2),
-      .clock_ppb = (int32_t)get(at + RANGE_CLOCK, 4),
+      .offset_us = (int32_t)bytes_get(at + RANGE_OFFSET, 4),
+      .rx_power_cdbm = (int16_t)bytes_get(at + RANGE_RX_POWER, 2),
+      .fp_power_cdbm = (int16_t)bytes_get(at + RANGE_FP_POWER, 2),
+      .clock_ppb = (int32_t)bytes_get(at + RANGE_CLOCK, 4),
   };
 }
 
@@ -131,9 +122,9 @@ size_t wire_write_ranges(const struct wire_ranges* ranges, const uint8_t key[WIR
                          uint8_t bytes[WIRE_MAX_SIZE]) {
   if (!are_ranges(ranges)) return 0;
   put_begin(bytes, WIRE_RANGES, ranges->count, ranges->session, ranges->reporter, ranges->sequence);
-  put(bytes + AT_TIME, ranges->time_ns, 8);
-  put(bytes + AT_EPOCH, ranges->epoch, 4);
-  put(bytes + AT_DROPPED, ranges->dropped, 4);
+  bytes_put(bytes + AT_TIME, ranges->time_ns, 8);
+  bytes_put(bytes + AT_EPOCH, ranges->epoch, 4);
+  bytes_put(bytes + AT_DROPPED, ranges->dropped, 4);
   size_t size = WIRE_HEADER_SIZE;
   for (unsigned i = 0; i < ranges->count; ++i, size += WIRE_RANGE_SIZE)
     put_range(bytes + size, &ranges->range[i]);
@@ -145,7 +136,7 @@ size_t wire_write_order(const struct wire_order* order, const uint8_t key[WIRE_K
                         uint8_t bytes[WIRE_MAX_SIZE]) {
   if (order->module > WIRE_LAST_ADDRESS) return 0;
   put_begin(bytes, WIRE_ORDER, 0, order->session, order->module, order->sequence);
-  put(bytes + AT_SLEEP, order->sleep_s, 4);
+  bytes_put(bytes + AT_SLEEP, order->sleep_s, 4);
   tag_of(bytes, WIRE_ORDER_SIZE - WIRE_TAG_SIZE, key, bytes + WIRE_ORDER_SIZE - WIRE_TAG_SIZE);
   return WIRE_ORDER_SIZE;
 }
@@ -156,12 +147,12 @@ bool wire_read_ranges(const uint8_t* bytes, size_t size, const uint8_t key[WIRE_
   if (!has_tag(bytes, size, key) || !begins_as(bytes, WIRE_RANGES)) return false;
   const uint8_t count = bytes[AT_COUNT];
   if (size != (size_t)WIRE_HEADER_SIZE + count * (size_t)WIRE_RANGE_SIZE + WIRE_TAG_SIZE) return false;
-  ranges->session = (uint32_t)get(bytes + AT_SESSION, 4);
-  ranges->reporter = (uint16_t)get(bytes + AT_ADDRESS, 2);
-  ranges->sequence = get(bytes + AT_SEQUENCE, 8);
-  ranges->epoch = (uint32_t)get(bytes + AT_EPOCH, 4);
-  ranges->time_ns = get(bytes + AT_TIME, 8);
-  ranges->dropped = (uint32_t)get(bytes + AT_DROPPED, 4);
+  ranges->session = (uint32_t)bytes_get(bytes + AT_SESSION, 4);
+  ranges->reporter = (uint16_t)bytes_get(bytes + AT_ADDRESS, 2);
+  ranges->sequence = bytes_get(bytes + AT_SEQUENCE, 8);
+  ranges->epoch = (uint32_t)bytes_get(bytes + AT_EPOCH, 4);
+  ranges->time_ns = bytes_get(bytes + AT_TIME, 8);
+  ranges->dropped = (uint32_t)bytes_get(bytes + AT_DROPPED, 4);
   ranges->count = count;
   for (unsigned i = 0; i < count; ++i) {
     const uint8_t* const at = bytes + WIRE_HEADER_SIZE + i * (size_t)WIRE_RANGE_SIZE;
@@ -175,10 +166,10 @@ bool wire_read_order(const uint8_t* bytes, size_t size, const uint8_t key[WIRE_K
                      struct wire_order* order) {
   if (size != WIRE_ORDER_SIZE || !has_tag(bytes, size, key)) return false;
   if (!begins_as(bytes, WIRE_ORDER) || bytes[AT_COUNT] != 0) return false;
-  order->session = (uint32_t)get(bytes + AT_SESSION, 4);
-  order->module = (uint16_t)get(bytes + AT_ADDRESS, 2);
-  order->sequence = get(bytes + AT_SEQUENCE, 8);
-  order->sleep_s = (uint32_t)get(bytes + AT_SLEEP, 4);
+  order->session = (uint32_t)bytes_get(bytes + AT_SESSION, 4);
+  order->module = (uint16_t)bytes_get(bytes + AT_ADDRESS, 2);
+  order->sequence = bytes_get(bytes + AT_SEQUENCE, 8);
+  order->sleep_s = (uint32_t)bytes_get(bytes + AT_SLEEP, 4);
   return order->module <= WIRE_LAST_ADDRESS;
 }
 

@@ -48,7 +48,7 @@ struct wire_ranges {
   uint32_t epoch;     // of the clock that `time_ns` and all offsets are of
   uint64_t time_ns;
   uint32_t dropped;  // ranges since the start that were too old to be sent
-  uint8_t count;     // at least 1
+  uint8_t count;     // 0: a greeting
   struct wire_range range[WIRE_MAX_RANGES];
 };
 

@@ -28,7 +28,7 @@ Board& board_of(void* board) { return *static_cast<Board*>(board); }
 }  // namespace
 
 Board::Board(Events& events, Chip& chip, std::uint64_t seed, Program program)
-    : events_(events), chip_(chip), random_(seed), program_(std::move(program)) {
+    : events_(events), chip_(chip), random_{seed}, program_(std::move(program)) {
   hal_.board = this;
   hal_.spi_write = [](void* board, const std::uint8_t* header, std::size_t header_size,
                       const std::uint8_t* data, std::size_t size) {
@@ -49,7 +49,7 @@ Board::Board(Events& events, Chip& chip, std::uint64_t seed, Program program)
   hal_.wait = [](void* board, std::uint32_t us) { board_of(board).spend(us * kMicrosecond, [] {}); };
   hal_.interrupted = [](void* board) { return board_of(board).chip_.interrupt(); };
   hal_.now_us = [](void* board) { return board_of(board).now_us(); };
-  hal_.random = [](void* board) { return static_cast<std::uint32_t>(board_of(board).random_()); };
+  hal_.random = [](void* board) { return static_cast<std::uint32_t>(board_of(board).random_.next()); };
   hal_.send = [](void* board, const std::uint8_t* datagram, std::size_t size) {
     Board& self = board_of(board);
     struct {

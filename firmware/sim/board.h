@@ -11,11 +11,11 @@
 #include <functional>
 #include <memory>
 #include <optional>
-#include <random>
 #include <vector>
 
 #include "firmware/sim/chip.h"
 #include "firmware/sim/crystal.h"
+#include "firmware/sim/dice.h"
 #include "firmware/sim/events.h"
 #include "firmware/sim/fiber.h"
 
@@ -78,7 +78,7 @@ class Board {
 
   Events& events_;
   Chip& chip_;
-  std::mt19937_64 random_;
+  Dice random_;
   const Program program_;
   struct hal hal_{};
 

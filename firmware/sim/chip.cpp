@@ -33,13 +33,14 @@ Chip::Chip(Events& events, Ether& ether, const Nature& nature)
     : events_(events),
       ether_(ether),
       nature_(nature),
-      random_(nature.seed),
+      random_{nature.seed},
       crystal_(static_cast<double>(kTickHz), nature.ppm, events.now()) {
   // What the factory found; one chip in eight has no tuning of its LDOs.
-  if (random_() % 8 != 0) otp_ldo_tune_ = 0x28282828U + static_cast<std::uint32_t>(random_() & 0x07070707U);
-  otp_temperature_ = static_cast<std::uint8_t>(130 + random_() % 20);
-  otp_voltage_ = static_cast<std::uint8_t>(170 + random_() % 10);
-  otp_crystal_trim_ = static_cast<std::uint8_t>(0x0D + random_() % 6);
+  if (random_.next() % 8 != 0)
+    otp_ldo_tune_ = 0x28282828U + static_cast<std::uint32_t>(random_.next() & 0x07070707U);
+  otp_temperature_ = static_cast<std::uint8_t>(130 + random_.next() % 20);
+  otp_voltage_ = static_cast<std::uint8_t>(170 + random_.next() % 10);
+  otp_crystal_trim_ = static_cast<std::uint8_t>(0x0D + random_.next() % 6);
   begin();
 }
 
@@ -156,7 +157,7 @@ void Chip::spi(const std::uint8_t* header, std::size_t header_size, std::uint8_t
 
 // One byte in two loses a bit or two.
 std::uint8_t Chip::corrupted(std::uint8_t byte) {
-  const std::uint64_t dice = random_();
+  const std::uint64_t dice = random_.next();
   if ((dice & 1U) == 0) return byte;
   return static_cast<std::uint8_t>(byte ^ (1U << (dice >> 1U & 7U)) ^ (dice >> 4U & 1U) << (dice >> 5U & 7U));
 }
@@ -301,7 +302,7 @@ void Chip::control_otp() {
   const std::uint64_t bits = registers_.get(reg::kOtpCtrl);
   if ((bits & (otp_ctrl::kReadMode | otp_ctrl::kRead)) == (otp_ctrl::kReadMode | otp_ctrl::kRead)) {
     if (!crystal_clock()) complain("OTP read without the crystal as system clock");
-    registers_.set(reg::kOtpRdat, crystal_clock() ? otp(registers_.get(reg::kOtpAddr)) : random_());
+    registers_.set(reg::kOtpRdat, crystal_clock() ? otp(registers_.get(reg::kOtpAddr)) : random_.next());
   }
   if ((bits & otp_ctrl::kLoadMicrocode) != 0) {
     microcode_ = false;

@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -13,6 +12,7 @@
 #include "firmware/sim/chip_registers.h"
 #include "firmware/sim/chip_tuning.h"
 #include "firmware/sim/crystal.h"
+#include "firmware/sim/dice.h"
 #include "firmware/sim/events.h"
 #include "firmware/sim/radio.h"
 
@@ -46,6 +46,7 @@ class Chip {
   void hear(const Arrival& arrival);
 
   Crystal& crystal() { return crystal_; }
+  const Crystal& crystal() const { return crystal_; }
   void set_delays(Femto tx_delay, Femto rx_delay);
   void set_temperature(double c) { nature_.temperature_c = c; }
 
@@ -164,7 +165,7 @@ class Chip {
   Events& events_;
   Ether& ether_;
   Nature nature_;
-  std::mt19937_64 random_;
+  Dice random_;
   Crystal crystal_;
   std::vector<std::string> complaints_;
   std::vector<std::pair<std::string, std::uint64_t>> complained_;  // the same without and with their counts

@@ -243,7 +243,7 @@ void Chip::hunt(const Heard& heard) {
   const Emission& emission = heard.arrival.emission;
   const Tuned tuned = receiver_of(registers_);
   if (emission.channel != tuned.channel || emission.prf_mhz != tuned.phy.prf_mhz ||
-      emission.preamble_code != tuned.preamble_code) {
+      emission.preamble_code != tuned.preamble_code || heard.arrival.unnoticed) {
     return;
   }
   const Femto found = clear_from(heard) + nominal_time(preamble_ticks(phy_of(emission))) / 2;
@@ -271,7 +271,7 @@ void Chip::found_preamble(std::uint32_t serial) {
   const Emission& emission = arrival.emission;
   const double margin_db = arrival.rx_power_dbm - sensitivity_dbm(emission.kbps) - loss_db_;
   const double chance = 0.5 + margin_db / kRampDb;
-  if (std::generate_canonical<double, 53>(random_) >= chance) return;
+  if (random_.uniform() >= chance) return;
   for (auto other = heard + 1; other != air_.end(); ++other) {
     if (disturbs(other->arrival, arrival) && !disturbs(arrival, other->arrival))
       return;  // drowned by what came after
@@ -325,8 +325,8 @@ void Chip::stamp() {
   if (!microcode_ || (registers_.get(reg::kPmscCtrl1) & pmsc::kRunLde) == 0) return;
   std::uint64_t raw = receiving_.stamp;
   if (needs_reset_) {
-    const std::uint64_t wrong = kLeastWrongTicks + random_() % (kMostWrongTicks - kLeastWrongTicks);
-    raw = (random_() & 1U) != 0 ? raw + wrong : raw - wrong;
+    const std::uint64_t wrong = kLeastWrongTicks + random_.next() % (kMostWrongTicks - kLeastWrongTicks);
+    raw = (random_.next() & 1U) != 0 ? raw + wrong : raw - wrong;
     needs_reset_ = false;  // of the next stamp only
   }
   registers_.set(reg::kRxStamp, (raw - registers_.get(reg::kLdeRxAntd)) & kCounterMask);
@@ -347,7 +347,8 @@ void Chip::report(const Arrival& arrival) {
   registers_.set(reg::kFpAmpl1, in_16_bits(0.48 * amplitude));
   registers_.set(reg::kFpAmpl2, in_16_bits(0.64 * amplitude));
   registers_.set(reg::kFpAmpl3, in_16_bits(0.60 * amplitude));
-  registers_.set(reg::kFpIndex, 750U << 6U | (random_() & 0x3FU));  // where the accumulator is made to put it
+  registers_.set(reg::kFpIndex,
+                 750U << 6U | (random_.next() & 0x3FU));  // where the accumulator is made to put it
   registers_.set(reg::kStdNoise, 40);
 }
 

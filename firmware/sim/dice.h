@@ -1,5 +1,6 @@
-// Random numbers that are the same on every machine, and a source of them for anything that can be named by
-// numbers: what happens to one thing does not depend on what else there is.
+// Random numbers, and a source of them for anything that can be named by numbers: what happens to one thing
+// does not depend on what else there is. Whole and uniform ones are the same on every machine; normal and
+// exponential ones as far as its log1p and cos are, which may differ in the last bit.
 #pragma once
 
 #include <cmath>
@@ -10,7 +11,7 @@ namespace air {
 
 class Dice {
  public:
-  explicit Dice(std::initializer_list<std::uint64_t> name) {
+  Dice(std::initializer_list<std::uint64_t> name) {
     for (const std::uint64_t word : name) state_ = mix(state_ + kStep) ^ word;
   }
 

@@ -15,7 +15,7 @@ void Events::cancel(Id id) { queue_.erase(id); }
 
 void Events::run_until(Femto t) {
   while (!queue_.empty() && queue_.begin()->first.first <= t) {
-    auto due = queue_.extract(queue_.begin());  // it may ask for others, or cancel them
+    const auto due = queue_.extract(queue_.begin());  // it may ask for others, or cancel them
     now_ = due.key().first;
     due.mapped()();
   }

@@ -38,12 +38,12 @@ constexpr std::uint8_t kPaint = 0xA5;
 thread_local Fiber* current = nullptr;
 
 // The far end of each stack. Where it loses its paint the stack was too small.
-std::array<std::uint8_t, 256> painted_end() {
+constexpr std::array<std::uint8_t, 256> painted_end() {
   std::array<std::uint8_t, 256> end{};
-  end.fill(kPaint);
+  for (std::uint8_t& byte : end) byte = kPaint;
   return end;
 }
-const std::array<std::uint8_t, 256> kEnd = painted_end();
+constexpr std::array<std::uint8_t, 256> kEnd = painted_end();
 
 #ifdef AIR_ASAN
 // The sanitizer has to be told of each change of stacks. `frames` is where it keeps what it knows of the

@@ -54,8 +54,7 @@ void Medium::send(Chip& chip, const Emission& emission) {
     Passage passage = pass(*from, to, emission);
     if (on_passage) on_passage(passage);
     const Femto begin = passage.arrival.emission.begin;
-    if (passage.fate != Passage::Fate::kUnnoticed)
-      events_.at(begin, [hearer = to.chip, arrival = std::move(passage.arrival)] { hearer->hear(arrival); });
+    events_.at(begin, [hearer = to.chip, arrival = std::move(passage.arrival)] { hearer->hear(arrival); });
   }
 }
 
@@ -88,6 +87,7 @@ Passage Medium::pass(const Antenna& from, const Antenna& to, const Emission& emi
   if (dice.uniform() < settings_.frame_loss) {
     const bool garbled = dice.uniform() < kGarbledShare;
     passage.fate = garbled ? Passage::Fate::kGarbled : Passage::Fate::kUnnoticed;
+    arrival.unnoticed = !garbled;
     std::vector<std::uint8_t>& bytes = arrival.emission.bytes;
     if (garbled) bytes[dice.next() % bytes.size()] ^= static_cast<std::uint8_t>(1 + dice.next() % 255);
   }

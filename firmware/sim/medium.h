@@ -15,7 +15,8 @@
 
 namespace air {
 
-// What became of an emission at one antenna, in truth.
+// What became of an emission at one antenna, in truth. Its power comes in whatever its fate: others collide
+// with it.
 struct Passage {
   enum class Fate { kCame, kGarbled, kUnnoticed };
 

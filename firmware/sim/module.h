@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string_view>
 #include <vector>
 
@@ -46,6 +47,10 @@ class Module {
   const struct node& node() const { return node_; }  // means nothing where the board has no power or sleeps
   std::uint32_t starts() const { return starts_; }   // so far
 
+  // When its network's clock showed `time_ns`, less than 8 s from now; nothing where it has no clock of that
+  // epoch.
+  std::optional<Femto> moment_of(std::uint32_t epoch, std::int64_t time_ns) const;
+
   // What it does now is something else than before, in words.
   std::function<void(std::string_view words)> on_state;
 
@@ -63,7 +68,7 @@ class Module {
   Dice dice_;
   double wandered_ppm_ = 0.0;
   Femto wandered_at_ = 0;
-  Events::Id wanders_next_{};
+  Events::Id wanders_next_;
   Chip chip_;
   Board board_;
   Stint stint_;

@@ -25,6 +25,7 @@ struct Arrival {
   double fp_power_dbm = 0.0;  // of the first path
   Femto stamp_error =
       0;  // by how much later than the straight line's RMARKER the radio takes it: noise, bias, detour
+  bool unnoticed = false;  // its preamble is not found, but what else comes in is disturbed by it
 };
 
 class Chip;

@@ -7,12 +7,12 @@ tested() {  # name of the build, then what CMake is told
   local build=build/$1
   shift
   echo "== firmware, $(basename "$build")"
-  cmake -S firmware -B "$build" -G Ninja "$@" > /dev/null
+  cmake -S firmware -B "$build" -G Ninja -DCMAKE_COMPILE_WARNING_AS_ERROR="${CI:-OFF}" "$@" > /dev/null
   cmake --build "$build" -- --quiet
   ctest --test-dir "$build" --output-on-failure --parallel 2 --timeout 300 --no-tests=error
 }
 
-tested sanitized -DCORE_TESTS=ON -DCMAKE_BUILD_TYPE=Debug \
+tested sanitized -DCORE_TESTS=ON -DLIFE_HOURS=0.05 -DCMAKE_BUILD_TYPE=Debug \
   -DCMAKE_C_FLAGS="-O1 -fsanitize=address,undefined -fno-sanitize-recover=all" \
   -DCMAKE_CXX_FLAGS="-O1 -fsanitize=address,undefined -fno-sanitize-recover=all"
 

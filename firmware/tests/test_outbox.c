@@ -224,7 +224,8 @@ static void who_has_nothing_to_tell_greets_once_a_second(void) {
   const struct hal hal = {.board = &network, .send = send};
   struct outbox outbox;
   outbox_start(&outbox, 1, 7, 3);
-  for (uint64_t now = 0; now <= 3 * OUTBOX_GREET_US; now += 1000) outbox_greet(&outbox, &hal, key, now, 5, 77);
+  for (uint64_t now = 0; now <= 3 * OUTBOX_GREET_US; now += 1000)
+    outbox_greet(&outbox, &hal, key, now, 5, 77);
   CHECK_EQUAL(network.count, 3);
   CHECK_EQUAL(network.sent[0].count, 0);
   CHECK_EQUAL(network.sent[0].epoch, 5);

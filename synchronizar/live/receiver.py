@@ -64,6 +64,13 @@ class Receiver:
             self._taken.append(_Taken(said, arrived))
         return said
 
+    def newest(self) -> Array:
+        """(m,) s, the receiver's clock: stamp of the newest range in each datagram taken that has any, as they came."""
+        if not self._taken:
+            return np.zeros(0)
+        t, _, begin = self._stamps()
+        return np.asarray(np.maximum.reduceat(t, begin))
+
     def ranges(self, users: Sequence[User]) -> Ranges:
         """All that was taken so far between two of these users, by time, stamped by the receiver's clock.
 
@@ -74,7 +81,7 @@ class Receiver:
             none = np.zeros(0, dtype=np.int32)
             return Ranges.of(np.zeros(0), none, none, np.zeros(0))
         said = np.concatenate([taken.datagram.ranges for taken in self._taken])
-        t, reporter = self._stamps(said["offset_us"])
+        t, reporter, _ = self._stamps()
         index_of = self._indices(users)
         a, b = index_of[reporter], index_of[said["peer"]]
         kept = np.flatnonzero((said["status"] == MEASURED) & (a >= 0) & (b >= 0) & (a != b))
@@ -85,12 +92,12 @@ class Receiver:
             t,
             a,
             b,
-            1e-3 * said["distance_mm"],
-            sigma=1e-3 * _known(said["sigma_mm"], UNKNOWN_SIGMA),
+            said["distance_mm"] / 1000.0,
+            sigma=_known(said["sigma_mm"], UNKNOWN_SIGMA) / 1000.0,
             antenna_a=antenna[a],
             antenna_b=antenna[b],
-            rx_power=1e-2 * _known(said["rx_power_cdbm"], UNKNOWN_POWER),
-            fp_power=1e-2 * _known(said["fp_power_cdbm"], UNKNOWN_POWER),
+            rx_power=_known(said["rx_power_cdbm"], UNKNOWN_POWER) / 100.0,
+            fp_power=_known(said["fp_power_cdbm"], UNKNOWN_POWER) / 100.0,
             nlos=_known(said["sight"], SIGHT_UNKNOWN),
             source=said["source"].astype(np.int32),
         )
@@ -103,18 +110,19 @@ class Receiver:
             raise WireError("sequence")
         return said
 
-    def _stamps(self, offset_us: NDArray[np.int32]) -> tuple[Array, NDArray[np.uint16]]:
-        """Of all ranges (n,): s by the receiver's clock, and whose they are."""
+    def _stamps(self) -> tuple[Array, NDArray[np.uint16], NDArray[np.intp]]:
+        """Of all ranges (n,): s by the receiver's clock, and whose they are; and where each datagram's begin (m,)."""
         said = [taken.datagram for taken in self._taken]
         count = np.array([len(datagram.ranges) for datagram in said])
+        begin = np.concatenate([[0], np.cumsum(count)[:-1]])
         epoch = np.array([datagram.epoch for datagram in said], dtype=np.uint32)
         reporter = np.array([datagram.reporter for datagram in said], dtype=np.uint16)
         arrived = np.array([taken.arrived for taken in self._taken], dtype=float)
         begin_ns = np.array([datagram.time_ns for datagram in said], dtype=np.int64)
+        offset_us = np.concatenate([datagram.ranges["offset_us"] for datagram in said])
         time_ns = np.repeat(begin_ns, count) + 1000 * offset_us.astype(np.int64)
-        newest_ns = np.maximum.reduceat(time_ns, np.concatenate([[0], np.cumsum(count)[:-1]]))
-        clock = RangeClock(epoch, newest_ns, arrived)
-        return clock.seconds(np.repeat(epoch, count), time_ns), np.repeat(reporter, count)
+        clock = RangeClock(epoch, np.maximum.reduceat(time_ns, begin), arrived)
+        return clock.seconds(np.repeat(epoch, count), time_ns), np.repeat(reporter, count), begin
 
     def _indices(self, users: Sequence[User]) -> Indices:
         """Of every address the index in `users`; -1 for those that are nobody's."""

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from synchronizar.arrays import Array, Indices
 
-SCHEMES = ("one-to-n", "all-pairs", "polling")
-"""Who sends when: firmware/core/timetable.h."""
 MOST_MODULES = 11
 """In one network: FRAME_MEMBERS of firmware/core/frame.h."""
 CHANNEL, PRF_MHZ = 5, 64
@@ -55,6 +53,7 @@ class Scenario:
 
     seconds: float
     scheme: str
+    """Who sends when: `one-to-n`, `all-pairs` or `polling`."""
     seed: int
     """Of all that is random in the air."""
     session: int

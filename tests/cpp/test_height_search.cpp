@@ -12,7 +12,6 @@ namespace {
 constexpr double kStep = 0.05;  // m, of the grid that heights are sought on
 constexpr double kAbove = 20.0;
 constexpr int kMost = 8;
-const Late kLate{1.0, 0.002};
 
 UserPose at_height(double height) {
   UserPose pose{};

@@ -14,6 +14,7 @@
 #include <iomanip>
 #include <iostream>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <system_error>
@@ -25,6 +26,7 @@
 
 extern "C" {
 #include "firmware/core/frame.h"
+#include "firmware/core/wire.h"
 }
 
 namespace {
@@ -40,7 +42,7 @@ constexpr double kWifiLeastS = 1.5e-3, kWifiMoreS = 1.5e-3;
 constexpr std::uint64_t kWifiDice = 0xF1;
 
 // Nobody reads what is printed here any more, or answers it.
-struct Abandoned {};
+struct Abandoned : std::exception {};
 
 struct Options {
   std::string scenario;
@@ -52,7 +54,7 @@ struct UsageError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-Options read_options(int argc, char** argv) {
+Options read_options(int argc, const char* const* argv) {
   Options options;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
@@ -111,9 +113,10 @@ class Socket {
 // The network between the modules of a world and the collector.
 class Network {
  public:
-  Network(air::World& world, std::uint64_t seed, std::uint16_t port) : world_(world) {
+  Network(air::World& world, const air::World::Settings& settings, std::uint16_t port)
+      : world_(world), key_(settings.node.key) {
     for (const auto& [address, module] : world.modules())
-      stations_.try_emplace(address, air::Dice{seed, kWifiDice, address}, port);
+      stations_.try_emplace(address, air::Dice{settings.medium.seed, kWifiDice, address}, port);
     world.on_datagram = [this](std::uint16_t from, const std::uint8_t* datagram, std::size_t size) {
       carry_up(from, {datagram, datagram + size});
       return true;
@@ -136,14 +139,33 @@ class Network {
   void carry_up(std::uint16_t from, std::vector<std::uint8_t> datagram) {
     Station& station = stations_.at(from);
     station.up = arrival(station, station.up);
-    world_.events().at(station.up, [this, from, sent = std::move(datagram)] { deliver(from, sent); });
+    const std::optional<Femto> measured = newest_measured(from, datagram);
+    world_.events().at(station.up,
+                       [this, from, measured, sent = std::move(datagram)] { deliver(from, sent, measured); });
   }
 
-  void deliver(std::uint16_t from, const std::vector<std::uint8_t>& datagram) {
+  // When the newest range that a module tells was measured, as the module has its time now.
+  std::optional<Femto> newest_measured(std::uint16_t from, const std::vector<std::uint8_t>& datagram) const {
+    struct wire_ranges told;
+    if (!wire_read_ranges(datagram.data(), datagram.size(), key_, &told) || told.count == 0)
+      return std::nullopt;
+    std::int64_t newest_us = told.range[0].offset_us;
+    for (unsigned i = 1; i < told.count; ++i)
+      newest_us = std::max<std::int64_t>(newest_us, told.range[i].offset_us);
+    return world_.module(from).moment_of(told.epoch,
+                                         static_cast<std::int64_t>(told.time_ns) + 1000 * newest_us);
+  }
+
+  void deliver(std::uint16_t from, const std::vector<std::uint8_t>& datagram, std::optional<Femto> measured) {
     const Station& station = stations_.at(from);
     station.socket.send(datagram);
     std::cout << "sent " << air::to_seconds(world_.events().now()) << ' ' << from << ' ' << datagram.size()
-              << std::endl;
+              << ' ';
+    if (measured)
+      std::cout << air::to_seconds(*measured);
+    else
+      std::cout << '-';
+    std::cout << '\n' << std::flush;
     std::string answer;
     if (!std::getline(std::cin, answer)) throw Abandoned();
     for (auto& [address, other] : stations_) carry_down(address, other);
@@ -160,6 +182,7 @@ class Network {
   }
 
   air::World& world_;
+  const std::uint8_t* key_;
   std::map<std::uint16_t, Station> stations_;
 };
 
@@ -190,32 +213,34 @@ void run(const Options& options) {
     world.medium().block(late.a, late.b, late.begin, late.end, late.extra_m);
 
   std::cout << std::fixed << std::setprecision(9);
-  const Network network(world, scenario.settings.medium.seed, options.port);
+  const Network network(world, scenario.settings, options.port);
   world.on_state = [&world](std::uint16_t module, std::string_view words) {
     std::cout << "said " << air::to_seconds(world.events().now()) << " node " << module << ' ' << words
               << '\n';
   };
   if (options.frames) world.medium().on_emission = tell_frame;
   world.run_until(scenario.length);
-  std::cout << "done" << std::endl;
+  std::cout << "done" << '\n' << std::flush;
+}
+
+int fail(const std::exception& error, int status) {
+  std::cerr << "synchronizar-air: " << error.what() << '\n';
+  return status;
 }
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char* const* argv) {
   try {
     run(read_options(argc, argv));
     return 0;
   } catch (const Abandoned&) {
     return kAbandoned;
   } catch (const UsageError& error) {
-    std::cerr << error.what() << '\n';
-    return kBadInput;
+    return fail(error, kBadInput);
   } catch (const ScenarioError& error) {
-    std::cerr << error.what() << '\n';
-    return kBadInput;
+    return fail(error, kBadInput);
   } catch (const std::exception& error) {
-    std::cerr << error.what() << '\n';
-    return kBroken;
+    return fail(error, kBroken);
   }
 }

@@ -110,7 +110,7 @@ int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size);
 
 int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
   static struct node node;
-  struct board board = {.script = {bytes, size}};
+  struct board board = {.script = {.bytes = bytes, .size = size}};
   board.radio = (struct lying_radio){
       .script = &board.script, .pan = (uint16_t)settings.session, .address = settings.address};
   const struct hal hal = {&board, spi_write,   spi_read, spi_fast,      reset,        wait,

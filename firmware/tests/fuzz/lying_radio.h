@@ -10,16 +10,19 @@
 #include "frame.h"
 #include "ticks.h"
 
-// What the fuzzer says; 0 once there is no more.
+// What the fuzzer says; its last byte again and again once there is no more.
 struct script {
   const uint8_t* bytes;
   size_t size;
+  uint8_t last;
 };
 
 static inline uint8_t script_byte(struct script* script) {
-  if (script->size == 0) return 0;
-  --script->size;
-  return *script->bytes++;
+  if (script->size > 0) {
+    --script->size;
+    script->last = *script->bytes++;
+  }
+  return script->last;
 }
 
 static inline uint64_t script_number(struct script* script, size_t size) {
@@ -104,7 +107,8 @@ static inline void lying_radio_compose(struct lying_radio* radio, uint64_t now) 
 static inline uint64_t lying_radio_status(struct lying_radio* radio) {
   static const uint64_t likely[] = {
       0x02,      // the PLL has locked
-      0x82,      // and a frame was sent
+      0x00,      // or not
+      0x82,      // or a frame was sent
       0x6402,    // or received, and stamped
       0x9002,    // or could not be read
       0x020002,  // or did not come in time

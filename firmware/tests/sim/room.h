@@ -21,7 +21,7 @@ namespace air {
 // A distance that a module told.
 struct Told {
   std::uint16_t reporter = 0, peer = 0;
-  struct wire_range range {};
+  struct wire_range range{};
   std::uint32_t epoch = 0;
   double clock_s = 0.0;  // by the network's clock
   double at_s = 0.0;     // when it was told
@@ -97,7 +97,7 @@ class Room {
   }
 
   void take(std::uint16_t from, const std::uint8_t* bytes, std::size_t size) {
-    struct wire_ranges said {};
+    struct wire_ranges said{};
     std::uint8_t key[WIRE_KEY_SIZE];
     for (std::size_t i = 0; i < sizeof key; ++i) key[i] = static_cast<std::uint8_t>(i);
     if (!wire_read_ranges(bytes, size, key, &said) || said.reporter != from) {

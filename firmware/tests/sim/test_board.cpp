@@ -15,6 +15,7 @@
 
 extern "C" {
 #include "firmware/core/dw1000.h"
+#include "firmware/core/ticks.h"
 }
 
 namespace {
@@ -182,6 +183,21 @@ void two_boards_and_the_rest_of_the_world_happen_in_the_order_of_time() {
   CHECK(std::equal(log.begin(), log.end(), expected.begin(), expected.end(), same));
 }
 
+void what_is_due_at_the_same_moment_and_was_asked_for_before_happens_before() {
+  air::Events events;
+  SilentEther ether;
+  std::string said;
+  Bench bench(events, ether, [&](air::Board& board, bool) {
+    (void)read_id(board);
+    said += 'b';
+    return kNever;
+  });
+  bench.board.power_on(0.0);
+  events.at(kReadId, [&] { said += 'e'; });
+  run_until(events, kSecond);
+  CHECK(said == "eb");
+}
+
 void a_board_that_is_alone_does_not_run_ahead_of_what_is_simulated() {
   air::Events events;
   SilentEther ether;
@@ -241,7 +257,8 @@ void an_interrupt_ends_the_wait() {
     settings.antenna_delay = 32873;
     CHECK(dw1000_start(&radio, board.hal(), &settings) == DW1000_OK);
     const std::uint8_t frame[20] = {};
-    CHECK(dw1000_send(&radio, frame, sizeof frame, false) == DW1000_OK);
+    const std::uint64_t soon = ticks_after(dw1000_now(&radio), ticks_of_us(1000));
+    CHECK(dw1000_send_at(&radio, soon, frame, sizeof frame, false) == DW1000_OK);
     board.wait_for_interrupt(kNever);
     woke = events.now();
     CHECK(board.hal()->interrupted(board.hal()->board));
@@ -317,13 +334,12 @@ void without_power_everything_ends_and_with_it_everything_begins_anew() {
     }
     return kNever;
   });
-  for (int i = 0; i < 3; ++i) {
-    events.at((10 * i + 1) * kMillisecond, [&] { bench.board.power_on(0.0); });
-    // In the middle of a wait, of a transaction, of a notification.
-    const Femto into = i == 0   ? kMillisecond / 2
-                       : i == 1 ? 10 * kMicrosecond
-                                : kMillisecond + 30 * kMicrosecond;
-    events.at((10 * i + 4) * kMillisecond + into, [&] { bench.board.power_off(); });
+  // In the middle of a wait, of a transaction and of a notification.
+  const std::vector<Femto> lengths = {3500 * kMicrosecond, 10 * kMicrosecond, 1040 * kMicrosecond};
+  for (std::size_t i = 0; i < lengths.size(); ++i) {
+    const Femto on = static_cast<Femto>(10 * i + 1) * kMillisecond;
+    events.at(on, [&] { bench.board.power_on(0.0); });
+    events.at(on + lengths[i], [&] { bench.board.power_off(); });
   }
   run_until(events, 5 * kMillisecond);
   CHECK(!bench.board.powered());
@@ -332,9 +348,30 @@ void without_power_everything_ends_and_with_it_everything_begins_anew() {
   CHECK_NEAR(steps, 3, 0);
   run_until(events, kSecond);
   CHECK_NEAR(starts, 3, 0);
+  CHECK_NEAR(steps, 3, 0);
   CHECK(began == (std::vector<std::uint64_t>{0, 0, 0}));
   CHECK(random.at(0) != random.at(1) && random.at(1) != random.at(2));
   CHECK(events.next(2 * kSecond) == 2 * kSecond);  // nothing is left behind
+}
+
+void a_datagram_that_nobody_received_is_forgotten_without_power() {
+  air::Events events;
+  SilentEther ether;
+  std::vector<std::size_t> sizes;
+  Bench bench(events, ether, [&](air::Board& board, bool) {
+    board.hal()->wait(board.hal()->board, 1000);
+    std::uint8_t datagram[10];
+    sizes.push_back(board.receive(datagram, sizeof datagram));
+    return kNever;
+  });
+  bench.board.power_on(0.0);
+  events.at(500 * kMicrosecond, [&] {
+    bench.board.hear({1, 2, 3});
+    bench.board.power_off();
+    bench.board.power_on(0.0);
+  });
+  run_until(events, kSecond);
+  CHECK(sizes == (std::vector<std::size_t>{0}));
 }
 
 void a_board_in_deep_sleep_wakes_by_its_own_clock_and_knows_that_it_slept() {
@@ -416,6 +453,7 @@ int main() {
   reading_takes_the_time_of_its_bits();
   the_slow_bus_takes_longer_than_the_fast_one();
   two_boards_and_the_rest_of_the_world_happen_in_the_order_of_time();
+  what_is_due_at_the_same_moment_and_was_asked_for_before_happens_before();
   a_board_that_is_alone_does_not_run_ahead_of_what_is_simulated();
   a_board_wakes_at_its_deadline_by_its_own_clock();
   a_board_whose_deadline_is_over_goes_on_at_once_but_time_passes();
@@ -423,6 +461,7 @@ int main() {
   a_datagram_ends_the_wait_and_is_received_whole();
   what_is_sent_comes_to_the_network();
   without_power_everything_ends_and_with_it_everything_begins_anew();
+  a_datagram_that_nobody_received_is_forgotten_without_power();
   a_board_in_deep_sleep_wakes_by_its_own_clock_and_knows_that_it_slept();
   the_same_seed_draws_the_same_and_another_seed_does_not();
   power_cannot_fail_in_the_middle_of_what_a_board_asked_for();

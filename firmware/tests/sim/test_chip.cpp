@@ -324,6 +324,20 @@ void what_is_not_asked_for_is_not_there_after_sleep() {
   CHECK(one.host.read(0x1F, 0, 4) == 0x21040055);
 }
 
+void temperature_is_measured_on_waking_if_asked_for() {
+  for (const bool asked : {false, true}) {
+    One one;
+    one.host.configure();
+    one.host.chip.set_temperature(45.8);  // 20 steps
+    sleep(one.host, asked ? kLoadAll | 0x0001 : kLoadAll);
+    one.host.chip.select_for(600 * kMicrosecond);
+    one.host.wait(4 * kMillisecond);
+    const std::uint64_t at_23 = one.host.read_otp(9);
+    CHECK(one.host.read(0x2A, 7, 1) == (asked ? at_23 + 20 : 0));
+    CHECK(one.host.read(0x2A, 6, 1) == (asked ? one.host.read_otp(8) : 0));
+  }
+}
+
 void a_slow_long_read_wakes_too_and_a_write_to_a_sleeper_is_told() {
   One one;
   one.host.configure();
@@ -364,6 +378,7 @@ void a_reset_after_sleep_loads_what_sleep_had_saved() {
   one.host.chip.reset();
   one.host.wait(kMillisecond);
   CHECK(one.host.read(0x1F, 0, 4) == 0x4A480055);
+  CHECK(one.host.read(0x2C, 0, 2) == 0x0040);
   one.host.write(0x2C, 0, 0, 2);
   one.host.write(0x2C, 6, 0, 1);
   one.host.write(0x2C, 2, 0x04, 1);  // uploaded
@@ -460,6 +475,7 @@ int main() {
   a_soft_reset_wants_the_crystal_as_clock_and_forgets_registers();
   deep_sleep_keeps_configuration_and_forgets_the_rest();
   what_is_not_asked_for_is_not_there_after_sleep();
+  temperature_is_measured_on_waking_if_asked_for();
   a_slow_long_read_wakes_too_and_a_write_to_a_sleeper_is_told();
   sleep_without_what_it_needs_is_told();
   a_reset_after_sleep_loads_what_sleep_had_saved();

@@ -553,6 +553,16 @@ void collisions_break_what_is_being_received() {
     collision.arrives(one.after_us * kMicrosecond, one.power_dbm);
     CHECK(collision.outcome() == one.outcome);
   }
+  // Those that begin together spoil each other: one that comes before the first is found, and is about as
+  // strong.
+  for (const Femto after_us : {5, 60}) {
+    for (const double power_dbm : {-85.0, -80.0, -75.0}) {
+      Collision together;
+      together.arrives(0, -80.0);
+      together.arrives(after_us * kMicrosecond, power_dbm);
+      CHECK(together.outcome() == kRxPhe);
+    }
+  }
   // One that comes before the first is found, and drowns it, is received itself.
   Collision drowned;
   drowned.arrives(0, -80.0);
@@ -564,6 +574,18 @@ void collisions_break_what_is_being_received() {
   apart.arrival.emission.channel = 2;
   apart.arrives(170 * kMicrosecond, -80.0);
   CHECK(apart.outcome() == good);
+}
+
+void what_comes_in_unnoticed_disturbs_all_the_same() {
+  Collision alone;
+  alone.arrival.unnoticed = true;
+  alone.arrives(0, -80.0);
+  CHECK(alone.outcome() == 0 && !alone.third.has(kRxPrd));
+  Collision collision;
+  collision.arrives(0, -80.0);
+  collision.arrival.unnoticed = true;
+  collision.arrives(100 * kMicrosecond, -80.0);
+  CHECK(collision.outcome() == kRxPhe);
 }
 
 void a_frame_in_whose_middle_it_turned_on_hides_the_next() {
@@ -739,6 +761,7 @@ int main() {
   a_receiver_of_110_kbps_waits_in_vain_for_the_sfd_of_6800();
   slow_rates_work_too();
   collisions_break_what_is_being_received();
+  what_comes_in_unnoticed_disturbs_all_the_same();
   a_frame_in_whose_middle_it_turned_on_hides_the_next();
   after_an_error_the_next_stamp_is_wrong_unless_the_receiver_was_reset();
   the_formulas_of_the_manual_give_back_the_powers();

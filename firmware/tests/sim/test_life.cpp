@@ -1,4 +1,5 @@
-// Modules that range, sleep, wake and lose power for as long as is asked for: nobody gets stuck, nothing wrong is told.
+// Modules that range, sleep, wake and lose power for as long as is asked for: nobody gets stuck, nothing
+// wrong is told.
 //
 //   test_life [HOURS]
 #include <cstdlib>
@@ -12,7 +13,8 @@ using namespace air;
 namespace {
 
 constexpr std::uint16_t kModules = 4;
-constexpr double kPatienceS = 4.0;    // so long two are awake together before they must have ranged in each second
+constexpr double kPatienceS =
+    4.0;  // so long two are awake together before they must have ranged in each second
 constexpr double kNoiseM = 6 * 0.03;  // of a range, at most
 constexpr double kLateM = 1.5;
 
@@ -64,10 +66,10 @@ class Life {
     CHECK(static_cast<double>(pair_seconds_) > 0.05 * now_s_);
     CHECK_NEAR(static_cast<double>(room_.undecodable), 0.0, 0.0);
     for (const auto& [address, module] : room_.world.modules()) CHECK(module->chip().complaints().empty());
-    std::cout << now_s_ / 3600.0 << " h, " << starts_ << " starts, " << ranges_ << " ranges, " << pair_seconds_
-              << " s of pairs awake together, " << silent_ << " of them silent; off by " << worst_m_
-              << " m at most, " << worst_late_m_ << " more than " << kLateM << " where late; clock off by "
-              << worst_clock_s_ << " s\n";
+    std::cout << now_s_ / 3600.0 << " h, " << starts_ << " starts, " << ranges_ << " ranges, "
+              << pair_seconds_ << " s of pairs awake together, " << silent_ << " of them silent; off by "
+              << worst_m_ << " m at most, " << worst_late_m_ << " more than " << kLateM
+              << " where late; clock off by " << worst_clock_s_ << " s\n";
   }
 
  private:
@@ -82,7 +84,8 @@ class Life {
 
   void watch(std::uint16_t i) {
     const Module& module = room_.world.module(i);
-    const bool ranges = module.board().powered() && !module.board().asleep() && module.node().state == NODE_RANGING;
+    const bool ranges =
+        module.board().powered() && !module.board().asleep() && module.node().state == NODE_RANGING;
     const bool same = module.starts() == seen_starts_[i];
     starts_ += module.starts() - seen_starts_[i];
     seen_starts_[i] = module.starts();
@@ -101,7 +104,8 @@ class Life {
     ++ranges_;
     const bool between_1_and_2 = one.reporter + one.peer == 3;
     // A datagram waits up to 20 ms; a range's three frames are up to 20 ms apart.
-    const bool begins = between_1_and_2 && blocked(one.at_s), ended = between_1_and_2 && blocked(one.at_s - 0.05);
+    const bool begins = between_1_and_2 && blocked(one.at_s),
+               ended = between_1_and_2 && blocked(one.at_s - 0.05);
     const double least_m = begins && ended ? kLateM - kNoiseM : -kNoiseM;
     const double most_m = begins || ended ? kLateM + kNoiseM : kNoiseM;
     CHECK(least_m <= one.error_m && one.error_m <= most_m);

@@ -116,6 +116,7 @@ void the_bias_of_nature_goes_through_the_points_of_aps011() {
   CHECK_NEAR(air::power_bias_m(5, 64, -40.0), -0.110, 1e-9);
   CHECK_NEAR(air::power_bias_m(5, 64, -120.0), 0.081, 1e-9);
   CHECK_NEAR(air::power_bias_m(5, 16, -61.0), 0.0, 0.0);
+  for (const int wide : {4, 7}) CHECK_NEAR(air::power_bias_m(wide, 64, -61.0), 0.0, 0.0);
 }
 
 void a_stamp_is_wrong_by_noise_and_bias() {
@@ -126,6 +127,7 @@ void a_stamp_is_wrong_by_noise_and_bias() {
   CHECK_NEAR(noise.sigma, 0.03, 0.001);
   const Moments power = moments(room.passages, [](const auto& p) { return p.arrival.rx_power_dbm; });
   CHECK_NEAR(power.mean, -63.0 - 20.0 * std::log10(5.0), 0.05);
+  CHECK_NEAR(power.sigma, 1.0, 0.03);  // shadowing
   for (const air::Passage& p : room.passages) {
     CHECK_NEAR(p.bias_m, air::power_bias_m(5, 64, p.arrival.rx_power_dbm), 1e-12);
     CHECK_NEAR(static_cast<double>(p.arrival.stamp_error) * 1e-15 * 299'792'458.0, p.noise_m + p.bias_m,
@@ -142,6 +144,7 @@ void so_many_frames_are_lost_as_is_asked_for() {
     garbled += p.fate == Fate::kGarbled ? 1 : 0;
     unnoticed += p.fate == Fate::kUnnoticed ? 1 : 0;
     CHECK((p.arrival.emission.bytes != emission_at(0).bytes) == (p.fate == Fate::kGarbled));
+    CHECK(p.arrival.unnoticed == (p.fate == Fate::kUnnoticed));
   }
   const double sigma = std::sqrt(n * 0.3 * 0.7);
   CHECK_NEAR(garbled + unnoticed, 0.3 * n, 4 * sigma);

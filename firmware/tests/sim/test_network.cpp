@@ -15,7 +15,8 @@ std::size_t pairs_told(const Room& room, int nodes, double from_s, double to_s) 
   std::size_t pairs = 0;
   for (int a = 1; a <= nodes; ++a) {
     for (int b = a + 1; b <= nodes; ++b) {
-      pairs += !room.between(static_cast<std::uint16_t>(a), static_cast<std::uint16_t>(b), from_s, to_s).empty();
+      pairs +=
+          !room.between(static_cast<std::uint16_t>(a), static_cast<std::uint16_t>(b), from_s, to_s).empty();
     }
   }
   return pairs;
@@ -75,7 +76,20 @@ void one_more_than_there_is_room_for_waits_and_harms_nobody() {
   CHECK_NEAR(static_cast<double>(heard.size()), kLargest, 0.0);
 }
 
-void a_coordinator_that_loses_power_is_replaced_and_the_clock_goes_on() {
+// How far the clock that ranges are told by is ahead of the world's, on average, in one of its epochs.
+std::map<std::uint32_t, double> clocks_ahead_s(const Room& room, double from_s, double to_s) {
+  std::map<std::uint32_t, std::pair<double, double>> sums;
+  for (const Told& one : room.told) {
+    if (one.at_s < from_s || one.at_s >= to_s) continue;
+    sums[one.epoch].first += one.clock_s - one.at_s;
+    sums[one.epoch].second += 1.0;
+  }
+  std::map<std::uint32_t, double> ahead_s;
+  for (const auto& [epoch, sum] : sums) ahead_s[epoch] = sum.first / sum.second;
+  return ahead_s;
+}
+
+void a_coordinator_that_loses_power_is_replaced_and_time_goes_on_by_another_name() {
   Room room({});
   for (std::uint16_t i = 1; i <= 4; ++i) room.add(i, on_circle(i, 4));
   room.run(2.0);
@@ -84,17 +98,113 @@ void a_coordinator_that_loses_power_is_replaced_and_the_clock_goes_on() {
   room.run(3.0);
   const std::uint16_t second = coordinator(room);
   CHECK(second != 0 && second != first);
-  std::set<std::uint32_t> epochs;
-  double clock_less_time_s[2] = {0.0, 0.0};
-  for (const Told& one : room.told) {
-    if (one.at_s < 1.0) continue;
-    epochs.insert(one.epoch);
-    clock_less_time_s[one.at_s > 2.0] = one.clock_s - one.at_s;
-  }
-  CHECK_NEAR(static_cast<double>(epochs.size()), 1.0, 0.0);
-  CHECK_NEAR(clock_less_time_s[1], clock_less_time_s[0], 0.03);  // datagrams wait up to 20 ms
+  const auto before = clocks_ahead_s(room, 1.0, 2.0), after = clocks_ahead_s(room, 2.2, 3.0);
+  CHECK(before.size() == 1 && after.size() == 1);
+  CHECK(before.begin()->first != after.begin()->first);
+  CHECK_NEAR(after.begin()->second, before.begin()->second, 1e-3);
   // Three are left, of whom all range again within a fifth of a second.
   CHECK_NEAR(static_cast<double>(pairs_told(room, 4, 2.2, 2.5)), 3.0, 0.0);
+}
+
+void a_network_that_falls_in_two_has_two_clocks() {
+  Room room({});
+  for (std::uint16_t i = 1; i <= 4; ++i) {
+    Track track;
+    track.add(seconds(2.0), {0.0, static_cast<double>(i), 1.0});
+    track.add(seconds(2.1), {i <= 2 ? -600.0 : 600.0, static_cast<double>(i), 1.0});
+    track.add(seconds(6.0), {i <= 2 ? -600.0 : 600.0, static_cast<double>(i), 1.0});
+    track.add(seconds(6.1), {0.0, static_cast<double>(i), 1.0});
+    room.add(i, track, {{}});
+  }
+  room.run(10.0);
+  CHECK_NEAR(static_cast<double>(clocks_ahead_s(room, 1.0, 2.0).size()), 1.0, 0.0);
+  CHECK_NEAR(static_cast<double>(clocks_ahead_s(room, 3.0, 6.0).size()), 2.0, 0.0);
+  CHECK_NEAR(static_cast<double>(clocks_ahead_s(room, 9.0, 10.0).size()), 1.0, 0.0);
+  CHECK_NEAR(coordinators(room), 1.0, 0.0);
+}
+
+// A module's address, and when it said that it leaves.
+std::map<std::uint16_t, double> last_words(Room& room, double until_s) {
+  std::map<std::uint16_t, double> said;
+  room.world.medium().on_emission = [&](std::uint16_t from, const Emission& emission) {
+    struct frame frame{};
+    if (frame_read(emission.bytes.data(), emission.bytes.size() - 2, &frame) && frame.leaving)
+      said[from] = room.now_s();
+  };
+  room.run(until_s);
+  room.world.medium().on_emission = nullptr;
+  return said;
+}
+
+void whoever_ends_ranging_has_said_so_on_the_air() {
+  std::size_t left = 0;
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    Room::Settings settings;
+    settings.range_s = 2;
+    settings.sleep_s = 100;
+    settings.seed = seed;
+    Room room(settings);
+    for (std::uint16_t i = 1; i <= 4; ++i) {
+      Module::Stint stint;
+      stint.on = seconds(0.05 * i * static_cast<double>(seed));
+      room.add(i, on_circle(i, 4), stint);
+    }
+    left += last_words(room, 6.0).size();
+  }
+  CHECK_NEAR(static_cast<double>(left), 40.0, 0.0);
+}
+
+void a_radio_that_fails_is_started_anew_and_its_clock_has_another_name() {
+  Room room({});
+  room.add(1, on_circle(1, 2));
+  room.add(2, on_circle(2, 2));
+  room.run(2.0);
+  std::set<std::uint32_t> epochs;
+  for (int failure = 0; failure < 4; ++failure) {
+    for (const auto& [epoch, ahead] : clocks_ahead_s(room, room.now_s() - 1.0, room.now_s()))
+      epochs.insert(epoch);
+    for (std::uint16_t i = 1; i <= 2; ++i) room.world.module(i).chip().power(false);
+    room.run(room.now_s() + 7.0);
+    for (std::uint16_t i = 1; i <= 2; ++i) {
+      CHECK(room.world.module(i).node().state == NODE_SILENT);
+      room.world.module(i).chip().power(true);
+    }
+    room.run(room.now_s() + 3.0);
+    CHECK(!room.between(1, 2, room.now_s() - 0.5).empty());
+  }
+  CHECK_NEAR(static_cast<double>(epochs.size()), 4.0, 0.0);
+  CHECK_NEAR(room.world.module(1).starts(), 1.0, 0.0);
+}
+
+void a_module_whose_radio_does_not_answer_sleeps_all_the_same() {
+  Room::Settings settings;
+  settings.range_s = 10;
+  settings.sleep_s = 60;
+  Room room(settings);
+  room.add(1, on_circle(1, 2));
+  room.run(0.5);
+  room.world.module(1).chip().power(false);
+  room.run(9.0);
+  CHECK(room.world.module(1).node().state == NODE_SILENT);
+  room.run(12.0);
+  CHECK(room.world.module(1).board().asleep());
+}
+
+void who_hears_members_but_not_their_coordinator_waits_and_joins_once_it_is_near() {
+  Room room({});
+  room.add(1, {0.0, 0.0, 1.0});
+  room.add(2, {27.0, 0.0, 1.0});
+  Track track;
+  track.add(seconds(5.0), {54.0, 0.0, 1.0});
+  track.add(seconds(6.0), {13.0, 5.0, 1.0});
+  Module::Stint later;
+  later.on = seconds(1.0);
+  room.add(3, track, {later});
+  room.run(5.0);
+  CHECK(room.between(1, 3).empty());
+  CHECK(room.between(1, 2, 4.0, 5.0).size() > 200);
+  room.run(8.0);
+  CHECK(room.between(1, 3, 7.0, 8.0).size() > 100);
 }
 
 void a_member_that_loses_power_is_dropped_and_taken_up_again_when_it_returns() {
@@ -130,7 +240,7 @@ void a_restart_too_short_to_be_noticed_gives_no_wrong_range() {
 }
 
 struct wire_order order_for(std::uint16_t module, std::uint64_t sequence, std::uint32_t sleep_s) {
-  struct wire_order order {};
+  struct wire_order order{};
   order.session = 0xBEEF1234;
   order.module = module;
   order.sequence = sequence;
@@ -162,6 +272,8 @@ void whoever_is_registered_is_told_to_sleep_and_the_others_go_on() {
         CHECK(room.between(i, j, 1.75, 2.0).empty() == (i == leaver || j == leaver));
       }
     }
+    // The same clock goes on, since whose it was said that it leaves.
+    CHECK_NEAR(static_cast<double>(clocks_ahead_s(room, 1.0, 2.0).size()), 1.0, 0.0);
     room.run(9.0);
     CHECK(!room.world.module(leaver).board().asleep());
     CHECK_NEAR(static_cast<double>(pairs_told(room, 3, 8.0, 9.0)), 3.0, 0.0);
@@ -196,11 +308,7 @@ void lost_frames_cost_rounds_and_not_the_network() {
     Room room(settings);
     for (std::uint16_t i = 1; i <= 4; ++i) room.add(i, on_circle(i, 4));
     room.run(12.0);
-    std::set<std::uint32_t> epochs;
-    for (const Told& one : room.told) {
-      if (one.at_s > 3.0) epochs.insert(one.epoch);
-    }
-    CHECK_NEAR(static_cast<double>(epochs.size()), 1.0, 0.0);
+    CHECK_NEAR(static_cast<double>(clocks_ahead_s(room, 3.0, 12.0).size()), 1.0, 0.0);
     CHECK_NEAR(static_cast<double>(pairs_told(room, 4, 11.0, 12.0)), 6.0, 0.0);
     CHECK(spread(room.told).worst < 0.05);
   }
@@ -244,7 +352,12 @@ int main() {
   two_nodes_find_each_other_and_tell_each_distance_once();
   everybody_is_taken_up_when_all_start_at_the_same_moment();
   one_more_than_there_is_room_for_waits_and_harms_nobody();
-  a_coordinator_that_loses_power_is_replaced_and_the_clock_goes_on();
+  a_coordinator_that_loses_power_is_replaced_and_time_goes_on_by_another_name();
+  a_network_that_falls_in_two_has_two_clocks();
+  whoever_ends_ranging_has_said_so_on_the_air();
+  a_radio_that_fails_is_started_anew_and_its_clock_has_another_name();
+  a_module_whose_radio_does_not_answer_sleeps_all_the_same();
+  who_hears_members_but_not_their_coordinator_waits_and_joins_once_it_is_near();
   a_member_that_loses_power_is_dropped_and_taken_up_again_when_it_returns();
   a_restart_too_short_to_be_noticed_gives_no_wrong_range();
   whoever_is_registered_is_told_to_sleep_and_the_others_go_on();

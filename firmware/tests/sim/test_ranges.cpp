@@ -1,8 +1,9 @@
-// What ranges are worth: against the truth of the simulated air, with everything in it that makes radios wrong.
+// What ranges are worth: against the truth of the simulated air, with everything in it that makes radios
+// wrong.
 #include <cstdlib>
 #include <functional>
-#include <random>
 
+#include "firmware/sim/dice.h"
 #include "firmware/tests/sim/room.h"
 #include "tests/cpp/check.h"
 
@@ -10,9 +11,13 @@ using namespace air;
 
 namespace {
 
-// A stamp's noise of which three make a range noise of 2 cm: sqrt(6) / 4 of it remain where frames are evenly apart.
+// A stamp's noise of which three make a range noise of 2 cm: sqrt(6) / 4 of it remain where frames are evenly
+// apart.
 constexpr double kStampSigmaM = 0.02 / 0.6124;
 
+// Nearer than 1 m ranges come out up to 0.9 cm too short on the default channel, and nothing can be done
+// about it: nature's bias grows up to -61 dBm, but CIR_PWR has 16 bits, which are full at -64.5 dBm with 128
+// symbols.
 void calibrated_ranges_scatter_by_3_cm_and_are_right_to_1_at_every_distance() {
   for (const double apart_m : {0.3, 1.0, 2.0, 4.0, 6.0, 9.0, 15.0, 25.0}) {
     Room::Settings settings;
@@ -25,7 +30,17 @@ void calibrated_ranges_scatter_by_3_cm_and_are_right_to_1_at_every_distance() {
     CHECK(found.n > 1000);
     CHECK_NEAR(found.mean, 0.0, 0.01);
     CHECK(found.sigma > 0.018 && found.sigma < 0.03);
+    CHECK_NEAR(room.told.front().range.sigma_mm, 20.0, 0.0);
   }
+}
+
+void a_scatter_that_nobody_has_measured_is_told_as_unknown() {
+  Room room({});
+  room.add(1, {0.0, 0.0, 1.0});
+  room.add(2, {5.0, 0.0, 1.0});
+  room.run(1.0);
+  CHECK(room.told.size() > 100);
+  for (const Told& one : room.told) CHECK(one.range.sigma_mm == WIRE_UNKNOWN_SIGMA);
 }
 
 void clocks_40_ppm_apart_and_slots_of_any_order_leave_no_bias() {
@@ -41,12 +56,20 @@ void clocks_40_ppm_apart_and_slots_of_any_order_leave_no_bias() {
       room.add(i, on_circle(i, 4), stint);
     }
     room.run(scheme == SCHEME_POLLING ? 40.0 : 6.0);
+    const auto coordinates = [&room](std::uint16_t i) {
+      return room.world.module(i).node().ranging.state == RANGING_COORDINATING;
+    };
     for (std::uint16_t i = 1; i <= 4; ++i) {
       for (std::uint16_t j = i + 1; j <= 4; ++j) {
-        const Spread found = spread(room.between(i, j));
-        if (found.n == 0) continue;  // polled, members do not range with each other
+        const std::vector<Told> told = room.between(i, j);
+        const Spread found = spread(told);
+        const bool both_polled = !coordinates(i) && !coordinates(j);
+        if (scheme == SCHEME_POLLING && both_polled) continue;  // those do not range with each other
+        CHECK(found.n > 100);
         CHECK_NEAR(found.mean, 0.0, 0.01);
         CHECK(found.sigma < 0.03);
+        for (const Told& one : told)
+          CHECK_NEAR(one.range.clock_ppb, 1000.0 * (ppm[one.peer - 1] - ppm[one.reporter - 1]), 300.0);
       }
     }
   }
@@ -59,6 +82,7 @@ void a_module_that_is_warm_is_as_right_as_one_at_its_calibration() {
   room.add(1, {0.0, 0.0, 1.0}, warm);
   room.add(2, {5.0, 0.0, 1.0});
   room.run(2.0);
+  CHECK(room.told.size() > 500);
   CHECK_NEAR(spread(room.told).mean, 0.0, 0.01);
 }
 
@@ -69,6 +93,7 @@ void an_antenna_delay_that_is_wrong_shows_as_it_is() {
   room.add(1, {0.0, 0.0, 1.0}, wrong);
   room.add(2, {5.0, 0.0, 1.0});
   room.run(2.0);
+  CHECK(room.told.size() > 500);
   CHECK_NEAR(spread(room.told).mean, 0.10, 0.005);
 }
 
@@ -114,7 +139,7 @@ void frames_that_collide_leave_no_wrong_stamp_behind() {
   Chip stranger(room.world.events(), room.world.medium(), {});
   const Track beside = resting({0.5, 0.5, 1.0});
   room.world.medium().add(99, stranger, beside);
-  std::mt19937_64 dice(5);
+  Dice dice{5};
   std::function<void()> shout = [&] {
     Emission emission;
     emission.bytes.assign(60, 0xA5);
@@ -125,8 +150,7 @@ void frames_that_collide_leave_no_wrong_stamp_behind() {
     emission.marker = emission.begin + 138 * kMicrosecond;
     emission.end = emission.begin + 234 * kMicrosecond;
     room.world.medium().send(stranger, emission);
-    const double next_s = std::exponential_distribution<double>(300.0)(dice);
-    room.world.events().at(emission.end + seconds(next_s), shout);
+    room.world.events().at(emission.end + seconds(dice.exponential() / 300.0), shout);
   };
   room.world.events().at(seconds(0.01), shout);
   room.run(20.0);
@@ -194,6 +218,7 @@ void the_radio_is_never_asked_for_what_its_manual_forbids() {
 
 int main() {
   calibrated_ranges_scatter_by_3_cm_and_are_right_to_1_at_every_distance();
+  a_scatter_that_nobody_has_measured_is_told_as_unknown();
   clocks_40_ppm_apart_and_slots_of_any_order_leave_no_bias();
   a_module_that_is_warm_is_as_right_as_one_at_its_calibration();
   an_antenna_delay_that_is_wrong_shows_as_it_is();

@@ -7,10 +7,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define HIGHEST_ADDRESS 0xFFFD  // the two above mean "none" and "everybody" (IEEE 802.15.4)
-#define HIGHEST_DELAY 0x1FFFE   // two registers of 16 bits
-#define SHORTEST_PASSWORD 8     // WPA2; an empty one is for open networks
-#define LEAST_C (-40.0)         // what the radio is made for
+#include "wire.h"
+
+#define HIGHEST_DELAY 0x1FFFE  // two registers of 16 bits
+#define HIGHEST_SIGMA_MM 1000
+#define FARTHEST_MM 1000000  // in um still an int32_t
+#define SHORTEST_PASSWORD 8  // WPA2; an empty one is for open networks
+#define LEAST_C (-40.0)      // what the radio is made for
 #define MOST_C 85.0
 
 static bool read_number(const char* word, unsigned long most, unsigned long* number) {
@@ -50,7 +53,7 @@ bool command_read_provision(size_t count, char* const* words, struct store_provi
   memset(provision, 0, sizeof *provision);
   unsigned long session = 0, address = 0;
   struct in_addr collector;
-  if (!read_number(words[1], UINT32_MAX, &session) || !read_number(words[2], HIGHEST_ADDRESS, &address))
+  if (!read_number(words[1], UINT32_MAX, &session) || !read_number(words[2], WIRE_LAST_ADDRESS, &address))
     return false;
   provision->session = (uint32_t)session;
   provision->address = (uint16_t)address;
@@ -63,9 +66,10 @@ bool command_read_provision(size_t count, char* const* words, struct store_provi
 }
 
 bool command_read_calibration(size_t count, char* const* words, struct calibration* calibration) {
-  if (count != 3 || strcmp(words[0], "calibrate") != 0) return false;
-  unsigned long delay = 0;
-  if (!read_number(words[1], HIGHEST_DELAY, &delay)) return false;
+  if (count != 4 || strcmp(words[0], "calibrate") != 0) return false;
+  unsigned long delay = 0, sigma_mm = 0;
+  if (!read_number(words[1], HIGHEST_DELAY, &delay) || !read_number(words[3], HIGHEST_SIGMA_MM, &sigma_mm))
+    return false;
   char* end = NULL;
   const double temperature_c = strtod(words[2], &end);
   // Written so that "nan" is refused too.
@@ -73,5 +77,18 @@ bool command_read_calibration(size_t count, char* const* words, struct calibrati
   memset(calibration, 0, sizeof *calibration);
   calibration->antenna_delay = (uint32_t)delay;
   calibration->temperature_cc = (int16_t)lround(temperature_c * 100.0);
+  calibration->sigma_mm = (uint16_t)sigma_mm;
+  return true;
+}
+
+bool command_correct_calibration(size_t count, char* const* words, struct calibration* calibration) {
+  if (count != 3 || strcmp(words[0], "correct") != 0) return false;
+  unsigned long measured_mm = 0, true_mm = 0;
+  if (!read_number(words[1], FARTHEST_MM, &measured_mm) || !read_number(words[2], FARTHEST_MM, &true_mm))
+    return false;
+  const uint32_t delay = calibration_corrected_delay(calibration->antenna_delay, (int32_t)measured_mm * 1000,
+                                                     (int32_t)true_mm * 1000);
+  if (delay == 0 || delay > HIGHEST_DELAY) return false;  // no antenna's: words mistaken
+  calibration->antenna_delay = delay;
   return true;
 }

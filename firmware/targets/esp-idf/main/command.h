@@ -13,5 +13,10 @@
 // provision SESSION ADDRESS KEY SSID PASSWORD COLLECTOR. False where anything is not as it has to be.
 bool command_read_provision(size_t count, char* const* words, struct store_provision* provision);
 
-// calibrate DELAY TEMPERATURE: ticks of sending and receiving together, degrees Celsius.
+// calibrate DELAY TEMPERATURE SIGMA: ticks of sending and receiving together, degrees Celsius, mm of a range
+// (0: unknown).
 bool command_read_calibration(size_t count, char* const* words, struct calibration* calibration);
+
+// correct MEASURED TRUE: a range of this module and what it should have been, mm. Corrects the delay of the
+// calibration that it was measured with.
+bool command_correct_calibration(size_t count, char* const* words, struct calibration* calibration);

@@ -57,12 +57,18 @@ static struct node_settings settings_of(const struct store_provision* provision,
 }
 
 static _Noreturn void sleep_until(struct module* module, uint64_t deadline_us) {
-  ESP_LOGI(tag, "sleeps; %" PRIu32 " ranges were too old to be told", module->node.outbox.dropped);
   network_stop(&module->network);
+  const uint32_t dropped = module->node.outbox.dropped + network_take_lost(&module->network);
+  ESP_LOGI(tag, "sleeps; %" PRIu32 " ranges were too old to be told", dropped);
   board_hold();
   const uint64_t now = module->board.hal.now_us(module->board.hal.board);
   const uint64_t left_us = deadline_us > now ? deadline_us - now : 0;
   power_sleep(deadline_us == UINT64_MAX ? UINT64_MAX : left_us);
+}
+
+static void say_calibration(const struct calibration* calibration) {
+  ESP_LOGI(tag, "antenna delay %" PRIu32 " at %d hundredths of a degree Celsius, sigma %u mm",
+           calibration->antenna_delay, calibration->temperature_cc, (unsigned)calibration->sigma_mm);
 }
 
 // The radio must not stay awake while the board spares its battery.
@@ -77,7 +83,7 @@ static _Noreturn void spare_battery(struct module* module) {
                                                : CONFIG_SYNCHRONIZAR_SLEEP_S * UINT64_C(1000000));
 }
 
-// The temperature is what `calibrate` wants to be told. Right after the start nothing waits to be sent yet.
+// Right after the start nothing waits to be sent yet.
 static void say_radio(struct node* node) {
   if (node->state == NODE_RANGING) {
     ESP_LOGI(tag, "radio has %d hundredths of a degree Celsius", dw1000_temperature_cc(&node->radio));
@@ -97,6 +103,7 @@ static void range(void* context) {
     board_wait(&module->board, deadline_us);
     struct network_order order;
     while (network_hear(&module->network, &order)) (void)node_hear(&module->node, order.bytes, order.size);
+    module->node.outbox.dropped += network_take_lost(&module->network);
     deadline_us = node_run(&module->node);
     if (module->node.state == NODE_SILENT) vTaskDelay(1);  // the line of a radio that is not there may float
     ESP_ERROR_CHECK(esp_task_wdt_reset());
@@ -130,6 +137,7 @@ void app_main(void) {
   module.settings = settings_of(&provision, restarts);
   ESP_LOGI(tag, "session %" PRIu32 ", address %u, start %" PRIu32, provision.session,
            (unsigned)provision.address, restarts);
+  say_calibration(&module.settings.calibration);
   network_start(&module.network, &provision);
   network_await(&module.network, NETWORK_PATIENCE_MS);
   const BaseType_t made = xTaskCreatePinnedToCore(range, "ranging", RANGING_STACK_BYTES, &module,

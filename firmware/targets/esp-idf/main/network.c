@@ -1,7 +1,6 @@
 #include "network.h"
 
 #include <arpa/inet.h>
-#include <errno.h>
 #include <netinet/in.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -9,6 +8,7 @@
 #include "esp_err.h"
 #include "esp_event.h"
 #include "esp_netif.h"
+#include "esp_timer.h"
 #include "esp_wifi.h"
 #include "outbox.h"
 #include "sdkconfig.h"
@@ -23,6 +23,7 @@
 _Static_assert(OUTBOX_ROOM <= DATAGRAMS * (WIRE_MAX_RANGES), "the last ranges before the sleep have room");
 
 struct datagram {
+  int64_t queued_us;  // when, of the board's clock
   size_t size;
   uint8_t bytes[WIRE_MAX_SIZE];
 };
@@ -40,18 +41,30 @@ static void on_event(void* context, esp_event_base_t base, int32_t id, void* dat
   }
 }
 
-// Tells the collector what is queued. Where TCP/IP has no room it waits, the queue fills and the core keeps
-// its ranges.
+// A datagram without ranges is a header and a tag.
+static unsigned ranges_in(const struct datagram* datagram) {
+  return (unsigned)((datagram->size - WIRE_HEADER_SIZE - WIRE_TAG_SIZE) / WIRE_RANGE_SIZE);
+}
+
+// Whatever hinders it, no room in TCP/IP or no network: it is tried until it is too old.
+static void tell_datagram(struct network* network, const struct datagram* datagram) {
+  while (esp_timer_get_time() - datagram->queued_us <= OUTBOX_TOO_OLD_US) {
+    if (atomic_load(&network->connected) &&
+        send(network->socket, datagram->bytes, datagram->size, MSG_DONTWAIT) >= 0)
+      return;
+    vTaskDelay(1);
+  }
+  atomic_fetch_add(&network->lost, ranges_in(datagram));
+}
+
+// Tells the collector what is queued. Where that cannot be told the queue fills, and the core keeps its
+// ranges.
 static void tell(void* context) {
   struct network* network = context;
   struct datagram datagram;
   for (;;) {
-    if (xQueueReceive(network->datagrams, &datagram, portMAX_DELAY) != pdTRUE) continue;
-    while (atomic_load(&network->connected) &&
-           send(network->socket, datagram.bytes, datagram.size, MSG_DONTWAIT) < 0 &&
-           (errno == ENOMEM || errno == EAGAIN)) {
-      vTaskDelay(1);
-    }
+    if (xQueueReceive(network->datagrams, &datagram, portMAX_DELAY) == pdTRUE)
+      tell_datagram(network, &datagram);
   }
 }
 
@@ -105,6 +118,7 @@ static void start_wifi(struct network* network, const struct store_provision* pr
 
 void network_start(struct network* network, const struct store_provision* provision) {
   atomic_init(&network->connected, false);
+  atomic_init(&network->lost, 0);
   network->listener = NULL;
   network->datagrams = xQueueCreate(DATAGRAMS, sizeof(struct datagram));
   network->orders = xQueueCreate(ORDERS, sizeof(struct network_order));
@@ -134,10 +148,12 @@ bool network_hear(struct network* network, struct network_order* order) {
 
 bool network_send(const struct network* network, const uint8_t* bytes, size_t size) {
   if (size > WIRE_MAX_SIZE || !atomic_load(&network->connected)) return false;
-  struct datagram datagram = {.size = size};
+  struct datagram datagram = {.queued_us = esp_timer_get_time(), .size = size};
   memcpy(datagram.bytes, bytes, size);
   return xQueueSend(network->datagrams, &datagram, 0) == pdTRUE;
 }
+
+uint32_t network_take_lost(struct network* network) { return atomic_exchange(&network->lost, 0); }
 
 void network_stop(const struct network* network) {
   for (int waited = 0; waited < FLUSH_MS && uxQueueMessagesWaiting(network->datagrams) > 0; ++waited) {

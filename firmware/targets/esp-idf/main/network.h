@@ -21,6 +21,7 @@ struct network_order {
 
 struct network {
   atomic_bool connected;
+  atomic_uint lost;  // ranges that got too old here, since they were last taken
   int socket;
   QueueHandle_t datagrams;  // to the collector
   QueueHandle_t orders;     // from it
@@ -39,8 +40,12 @@ void network_listen(struct network* network, TaskHandle_t listener);
 // Whatever the collector said next; false: nothing more.
 bool network_hear(struct network* network, struct network_order* order);
 
-// Never waits. False: no network, or no room.
+// Never waits. False: no network, or no room. What it takes it tries to tell until it is OUTBOX_TOO_OLD_US
+// old.
 bool network_send(const struct network* network, const uint8_t* datagram, size_t size);
+
+// How many of the ranges that were taken could not be told, since the last call.
+uint32_t network_take_lost(struct network* network);
 
 // Tells what is still queued, then leaves.
 void network_stop(const struct network* network);

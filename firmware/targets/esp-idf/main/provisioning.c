@@ -47,9 +47,11 @@ static bool obey(char* line) {
               2];  // esp_console ends them with NULL; one more than the longest, to notice what is too much
   const size_t count = esp_console_split_argv(line, words, COMMAND_WORDS + 2);
   struct store_provision provision;
-  struct calibration calibration;
   if (command_read_provision(count, words, &provision)) return store_write_provision(&provision);
-  if (command_read_calibration(count, words, &calibration)) return store_write_calibration(&calibration);
+  struct calibration calibration = store_read_calibration();
+  if (command_read_calibration(count, words, &calibration) ||
+      command_correct_calibration(count, words, &calibration))
+    return store_write_calibration(&calibration);
   return false;
 }
 
@@ -65,7 +67,8 @@ static void listen(void* context) {
     memset(line, 0, sizeof line);
     printf(
         "not understood, or not kept: provision SESSION ADDRESS KEY SSID PASSWORD COLLECTOR\n"
-        "                             calibrate DELAY TEMPERATURE\n");
+        "                             calibrate DELAY TEMPERATURE SIGMA\n"
+        "                             correct MEASURED TRUE\n");
   }
 }
 

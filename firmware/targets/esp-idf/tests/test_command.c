@@ -15,10 +15,12 @@ static bool provisioned(char* session, char* address, char* key, char* ssid, cha
   return command_read_provision(COUNT(words), words, &provision);
 }
 
-static bool calibrated(char* delay, char* temperature) {
-  char* words[] = {"calibrate", delay, temperature};
+static bool calibrated_with(char* delay, char* temperature, char* sigma) {
+  char* words[] = {"calibrate", delay, temperature, sigma};
   return command_read_calibration(COUNT(words), words, &calibration);
 }
+
+static bool calibrated(char* delay, char* temperature) { return calibrated_with(delay, temperature, "20"); }
 
 static void what_is_provisioned_is_read(void) {
   CHECK(provisioned("0xFFFFFFFF", "65533", KEY, "a net", "password", "192.168.1.10"));
@@ -84,12 +86,20 @@ static void words_too_few_or_too_many_or_of_another_command_are_refused(void) {
   CHECK(!command_read_provision(6, words, &provision));
   CHECK(!command_read_provision(8, words, &provision));
   CHECK(!command_read_provision(0, words, &provision));
-  CHECK(!command_read_calibration(3, words, &calibration));
+  CHECK(!command_read_calibration(4, words, &calibration));
+  char* calibrate[] = {"calibrate", "32872", "23", "20", "more"};
+  CHECK(command_read_calibration(4, calibrate, &calibration));
+  CHECK(!command_read_calibration(3, calibrate, &calibration));
+  CHECK(!command_read_calibration(5, calibrate, &calibration));
   words[0] = "calibrate";
   CHECK(!command_read_provision(7, words, &provision));
 }
 
-static void a_calibration_is_read_in_ticks_and_degrees(void) {
+static void a_calibration_is_read_in_ticks_degrees_and_millimetres(void) {
+  CHECK(calibrated_with("32872", "23", "0"));
+  CHECK_EQUAL(calibration.sigma_mm, 0);
+  CHECK(calibrated_with("32872", "23", "1000"));
+  CHECK_EQUAL(calibration.sigma_mm, 1000);
   CHECK(calibrated("32872", "23.45"));
   CHECK_EQUAL(calibration.antenna_delay, 32872);
   CHECK_EQUAL(calibration.temperature_cc, 2345);
@@ -100,9 +110,53 @@ static void a_calibration_is_read_in_ticks_and_degrees(void) {
   CHECK_EQUAL(calibration.temperature_cc, 8500);
 }
 
+static bool corrected(char* measured, char* true_distance) {
+  char* words[] = {"correct", measured, true_distance};
+  calibration = (struct calibration){.antenna_delay = 32872, .temperature_cc = 2345, .sigma_mm = 20};
+  return command_correct_calibration(COUNT(words), words, &calibration);
+}
+
+// A tick of 15.65 ps is 4.69 mm, and the delay counts half: 100 mm are 42.6 ticks of it.
+static void a_correction_makes_up_for_what_was_measured_too_long_or_too_short(void) {
+  CHECK(corrected("5100", "5000"));
+  CHECK_EQUAL(calibration.antenna_delay, 32872 + 43);
+  CHECK(corrected("4900", "5000"));
+  CHECK_EQUAL(calibration.antenna_delay, 32872 - 43);
+  CHECK(corrected("5000", "5000"));
+  CHECK_EQUAL(calibration.antenna_delay, 32872);
+  CHECK(corrected("154000", "0"));
+  CHECK_WITHIN(calibration.antenna_delay, 32872 + 65600, 32872 + 65700);
+}
+
+static void a_correction_leaves_temperature_and_sigma(void) {
+  CHECK(corrected("5100", "5000"));
+  CHECK_EQUAL(calibration.temperature_cc, 2345);
+  CHECK_EQUAL(calibration.sigma_mm, 20);
+}
+
+static void corrections_that_cannot_be_are_refused_and_change_nothing(void) {
+  CHECK(!corrected("5.1", "5"));  // in metres
+  CHECK(!corrected("-100", "5000"));
+  CHECK(!corrected("5100", ""));
+  CHECK(!corrected("1000001", "1000000"));
+  CHECK(!corrected("5", "100000"));   // a delay below 0
+  CHECK(!corrected("1000000", "5"));  // one of more than the registers hold
+  CHECK_EQUAL(calibration.antenna_delay, 32872);
+  char* words[] = {"correct", "5100", "5000", "more"};
+  CHECK(!command_correct_calibration(2, words, &calibration));
+  CHECK(!command_correct_calibration(4, words, &calibration));
+  words[0] = "calibrate";
+  CHECK(!command_correct_calibration(3, words, &calibration));
+  CHECK_EQUAL(calibration.antenna_delay, 32872);
+}
+
 static void calibrations_out_of_range_are_refused(void) {
   CHECK(!calibrated("0x1FFFF", "23"));
   CHECK(!calibrated("-1", "23"));
+  CHECK(!calibrated_with("32872", "23", "1001"));
+  CHECK(!calibrated_with("32872", "23", "2 cm"));
+  CHECK(!calibrated_with("32872", "23", "-1"));
+  CHECK(!calibrated_with("32872", "23", ""));
   CHECK(!calibrated("32872", "85.1"));
   CHECK(!calibrated("32872", "-40.1"));
   CHECK(!calibrated("32872", "nan"));
@@ -119,7 +173,10 @@ int main(void) {
   a_network_is_open_or_has_a_password_of_eight();
   a_collector_is_an_address_in_decimals();
   words_too_few_or_too_many_or_of_another_command_are_refused();
-  a_calibration_is_read_in_ticks_and_degrees();
+  a_calibration_is_read_in_ticks_degrees_and_millimetres();
   calibrations_out_of_range_are_refused();
+  a_correction_makes_up_for_what_was_measured_too_long_or_too_short();
+  a_correction_leaves_temperature_and_sigma();
+  corrections_that_cannot_be_are_refused_and_change_nothing();
   return check_verdict();
 }

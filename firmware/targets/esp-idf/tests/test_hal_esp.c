@@ -15,7 +15,7 @@
 #define TASK ((TaskHandle_t)(uintptr_t)0x7A5C)
 
 struct spi_device_t {
-  int hz;  // cppcheck-suppress unusedStructMember
+  int hz;
   bool has_bus;
 };
 
@@ -95,8 +95,9 @@ esp_err_t spi_bus_initialize(spi_host_device_t host, const spi_bus_config_t* bus
 esp_err_t spi_bus_add_device(spi_host_device_t host, const spi_device_interface_config_t* config,
                              spi_device_handle_t* handle) {
   expect(config->mode == 0 && config->spics_io_num == -1, "mode 0, chip select our own");
-  *handle = &esp.device[esp.devices++];
-  (*handle)->hz = config->clock_speed_hz;
+  struct spi_device_t* device = &esp.device[esp.devices++];
+  device->hz = config->clock_speed_hz;
+  *handle = device;
   return host == SPI3_HOST ? ESP_OK : ESP_FAIL;
 }
 
