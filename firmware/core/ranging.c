@@ -346,6 +346,18 @@ static void on_word(struct ranging* r, const struct frame* frame, const struct r
   };
 }
 
+// Where somebody asks others will: all who start at once would wait for each other.
+static void on_join(struct ranging* r, uint16_t from) {
+  if (r->joined_count < RANGING_JOIN_SLOTS) r->joined[r->joined_count++] = from;
+  r->joining_us = r->now_us;
+}
+
+// In the slots to join in it was two who asked at once.
+static void on_lost(struct ranging* r) {
+  const bool members_are_done = r->now_us >= r->round_us + in_round_us(r, slots(r)) - LEAD_US;
+  if (r->state == RANGING_COORDINATING && r->joining && members_are_done) r->joining_us = r->now_us;
+}
+
 static void on_received(struct ranging* r, const struct ranging_event* event, struct ranging_result* result,
                         bool* found) {
   struct frame frame;
@@ -354,10 +366,7 @@ static void on_received(struct ranging* r, const struct ranging_event* event, st
     return;
   }
   if (frame.kind == FRAME_JOIN) {
-    if (r->state == RANGING_COORDINATING && frame.to == r->settings.address &&
-        r->joined_count < RANGING_JOIN_SLOTS) {
-      r->joined[r->joined_count++] = frame.from;
-    }
+    if (r->state == RANGING_COORDINATING && frame.to == r->settings.address) on_join(r, frame.from);
     return;
   }
   if (r->state == RANGING_DISCOVERING) r->deadline_us = later_of(r->deadline_us, r->now_us + silence_us(r));
@@ -449,6 +458,7 @@ uint64_t ranging_on_event(struct ranging* r, const struct ranging_event* event, 
       on_received(r, event, result, found);
       break;
     case RANGING_LOST:
+      on_lost(r);
       break;
   }
   const bool receiver_off = event->kind == RANGING_RECEIVED || event->kind == RANGING_LOST;

@@ -60,6 +60,7 @@ void everybody_is_taken_up_when_all_start_at_the_same_moment() {
     for (int i = 1; i <= kLargest; ++i) room.add(static_cast<std::uint16_t>(i), on_circle(i, kLargest));
     room.run(4.0);
     CHECK_NEAR(coordinators(room), 1.0, 0.0);
+    CHECK_NEAR(static_cast<double>(pairs_told(room, kLargest, 1.0, 1.5)), kLargest * (kLargest - 1) / 2, 0.0);
     // Those between two members are overheard where there is but one who polls.
     CHECK_NEAR(static_cast<double>(pairs_told(room, kLargest, 3.0, 4.0)), kLargest * (kLargest - 1) / 2, 0.0);
   }
