@@ -6,6 +6,7 @@ scheme, and send what they measured by UDP to the same collector that hears real
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,19 @@ MOST_M = {
 FRAMES_OF_A_RANGE = 3
 
 
+class Air(NamedTuple):
+    """Through what modules range, and how."""
+
+    seconds: float
+    scheme: str
+    """Who sends when: one of SCHEMES."""
+    sigma: float
+    """m, 1 sigma: noise of a range."""
+    loss: float = 0.0
+    """0 to 1: share of ranges that fail."""
+    blocked: Blocked | None = None
+
+
 class Heard(NamedTuple):
     """A walk with modules, and how what they measured came through."""
 
@@ -61,17 +75,8 @@ def simulate_modules(scene: Scene, scheme: str, frames: bool = False) -> Heard:
     _refuse(scene)
     people, random = people_of(scene)
     blockage = blockage_of(random, scene)
-    scenario = Scenario(
-        seconds=scene.seconds,
-        scheme=scheme,
-        seed=int(random.integers(2**32)),
-        session=int(random.integers(2**32)),
-        key=random.bytes(32),
-        stamp_sigma=scene.sigma / RANGE_OF_STAMP,
-        frame_loss=1.0 - (1.0 - scene.loss) ** (1.0 / FRAMES_OF_A_RANGE),
-        modules=[_module(random, device) for device in people.devices],
-        blocked=blockage.spans(),
-    )
+    air = Air(scene.seconds, scheme, scene.sigma, scene.loss, blockage.spans())
+    scenario = scenario_of(random, people.devices, air)
     collected = collect(scenario, people.users, frames)
     ranges = collected.ranges.select(blockage.column(collected.ranges.a, collected.ranges.b) >= 0)
     extra = blockage.at(ranges.t - collected.behind, ranges.a, ranges.b)
@@ -93,15 +98,35 @@ def _refuse(scene: Scene) -> None:
         raise InputError("--users", f"--modules are at most {MOST_MODULES} in one network, static radios among them")
 
 
-def _module(random: np.random.Generator, device: Device) -> Module:
-    """What a device carries: crystals as they come, and switched on some moment after the device appears."""
+def scenario_of(random: np.random.Generator, devices: Sequence[Device], air: Air) -> Scenario:
+    """Modules on devices, each with its first antenna; a device's own stamp less its clock offset is simulated time.
+
+    Tracks that begin before time 0 do so by one pose at most; a module is on while its device's track lasts. What the
+    air does not take is told when the scenario is run.
+    """
+    return Scenario(
+        seconds=air.seconds,
+        scheme=air.scheme,
+        seed=int(random.integers(2**32)),
+        session=int(random.integers(2**32)),
+        key=random.bytes(32),
+        stamp_sigma=air.sigma / RANGE_OF_STAMP,
+        frame_loss=1.0 - (1.0 - air.loss) ** (1.0 / FRAMES_OF_A_RANGE),
+        modules=[_module(random, device, air.seconds) for device in devices],
+        blocked=air.blocked,
+    )
+
+
+def _module(random: np.random.Generator, device: Device, seconds: float) -> Module:
+    """Of a device: crystals as they come, switched on some moment after the device appears; off as it goes."""
     radio_ppm, board_ppm = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
     # Tracks begin up to one pose before everything does.
     t = np.maximum(device.track.t - device.clock_offset, 0.0)
     first = np.zeros(len(t), dtype=np.int32)
     position, _ = antenna_positions([device], t, first, first)
     on = float(t[0]) + SWITCHED_ON_S * random.uniform()
-    return Module(radio_ppm, board_ppm, on, t, position, range_bias=device.bias)
+    off = np.inf if device.static or t[-1] >= seconds else float(t[-1])
+    return Module(radio_ppm, board_ppm, on, t, position, off, device.bias)
 
 
 class Blockage(NamedTuple):

@@ -9,7 +9,7 @@
 #define LEAVE_WITHIN_US 1000000  // then it leaves without a word
 #define MOST_EVENTS 8            // in one call; the interrupt line calls again
 
-_Static_assert((int)FRAME_MAX == (int)DW1000_MAX_FRAME, "each frame fits into the radio");
+_Static_assert(FRAME_MAX <= DW1000_MAX_FRAME, "each frame fits into the radio");
 _Static_assert(FRAME_LAST_ADDRESS == WIRE_LAST_ADDRESS && FRAME_LATEST_NS == WIRE_MAX_TIME_NS,
                "what is said on the air can be told on the network");
 _Static_assert(DW1000_UNKNOWN_POWER == WIRE_UNKNOWN_POWER && DW1000_UNKNOWN_CLOCK == WIRE_UNKNOWN_CLOCK,
