@@ -26,7 +26,6 @@ static uint32_t draw(struct ranging* r, uint32_t below) {  // xorshift (Marsagli
 }
 
 // --- The round
-// -------------------------------------------------------------------------------------------------------
 
 static unsigned slots(const struct ranging* r) { return timetable_slots(r->scheme, r->roster.members); }
 
@@ -69,7 +68,6 @@ static void set_round(struct ranging* r, uint64_t stamp) {
 }
 
 // --- States
-// ----------------------------------------------------------------------------------------------------------
 
 static void discover(struct ranging* r) {
   // Long enough for three rounds of the largest network, and different for each node.
@@ -139,7 +137,6 @@ static void join(struct ranging* r, const struct frame* poll) {
 }
 
 // --- Sending
-// ---------------------------------------------------------------------------------------------------------
 
 static void send(struct ranging* r, struct frame* frame, enum ranging_waiting what, uint64_t at,
                  uint64_t at_us) {
@@ -255,7 +252,6 @@ static void on_sent(struct ranging* r, uint64_t stamp) {
 }
 
 // --- Receiving
-// -------------------------------------------------------------------------------------------------------
 
 static bool other_is_stronger(const struct ranging* r, const struct frame* poll) {
   if (poll->plan.members != r->roster.members) return poll->plan.members > r->roster.members;
@@ -379,7 +375,6 @@ static void on_received(struct ranging* r, const struct ranging_event* event, st
 }
 
 // --- Time
-// ------------------------------------------------------------------------------------------------------------
 
 static uint64_t next_deadline(const struct ranging* r) {
   if (r->waiting != WAITING_NOTHING) return r->deadline_us;
