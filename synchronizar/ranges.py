@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,13 +41,11 @@ class Ranges:
     """(n,) dBm received in the first path; NaN where unknown."""
     nlos: Array
     """(n,) 1 where the radio itself takes the signal for a late one, 0 where not; NaN where it does not say."""
-    source: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
-    """(n,) index in SOURCES; -1 where unknown. An empty column is one where all are unknown."""
+    source: Indices
+    """(n,) index in SOURCES; -1 where unknown."""
 
     def __post_init__(self) -> None:
         n = len(self.t)
-        if not len(self.source):
-            object.__setattr__(self, "source", np.full(n, -1, dtype=np.int32))
         for f in fields(self):
             if getattr(self, f.name).shape != (n,):
                 raise ValueError(f"the column {f.name} must have shape ({n},)")
@@ -77,9 +75,9 @@ class Ranges:
         distance: Array,
         **optional: Array | Indices,
     ) -> Ranges:
-        """Ranges of which some columns are not known: those stay NaN, antennas at the origin."""
+        """Ranges of which some columns are not known: those stay NaN, sources -1, antennas at the origin."""
         unknown: dict[str, Array | Indices] = {
             name: np.full(len(t), np.nan) for name in ("sigma", "rx_power", "fp_power", "nlos")
         }
-        unknown |= {name: np.full(len(t), -1, dtype=np.int32) for name in ("antenna_a", "antenna_b")}
+        unknown |= {name: np.full(len(t), -1, dtype=np.int32) for name in ("antenna_a", "antenna_b", "source")}
         return cls(t, a, b, distance, **(unknown | optional))  # type: ignore[arg-type]

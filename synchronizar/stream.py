@@ -178,7 +178,7 @@ class Stream:
             for n, name in enumerate(_RANGE)
         }
         serial = table[:, _SERIAL].astype(np.int32)
-        return Stretch(Recording(self.users, tracks, Ranges(**columns)), last, end, serial)
+        return Stretch(Recording(self.users, tracks, Ranges.of(**columns)), last, end, serial)
 
     def forget(self, begin: Array, ranges_before: float) -> None:
         """What lies before: poses by own stamps (k,), ranges by theirs."""

@@ -151,18 +151,11 @@ def test_the_newest_range_is_paired_with_the_average_of_the_newest_positions() -
     t = np.arange(0.0, 0.5, 0.02)
     identity = np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1))
     moving = Track(t, np.column_stack([t, np.zeros((len(t), 2))]), identity)
-    none = np.full(4, np.nan)
-    ranges = Ranges(
+    ranges = Ranges.of(
         t=np.array([0.11, 0.19, 0.25, 0.9]),
         a=np.array([0, 0, 1, 0], dtype=np.int32),
         b=np.array([1, 1, 0, 1], dtype=np.int32),
         distance=np.array([1.0, 2.0, 3.0, 4.0]),
-        sigma=none,
-        antenna_a=np.full(4, -1, dtype=np.int32),
-        antenna_b=np.full(4, -1, dtype=np.int32),
-        rx_power=none,
-        fp_power=none,
-        nlos=none,
     )
     recording = Recording((User("a"), User("b")), {"a": moving, "b": moving}, ranges)
     samples = pair_samples(recording, Model())[0, 1]
