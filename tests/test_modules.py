@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import sysconfig
 import textwrap
@@ -17,7 +18,7 @@ from synchronizar.cli import main
 from synchronizar.errors import InputError
 from synchronizar.live import air, collect
 from synchronizar.live.receiver import Receiver
-from synchronizar.live.scenario import Blocked, Module, Scenario
+from synchronizar.live.scenario import MOST_MODULES, Blocked, Module, Scenario
 from synchronizar.live.wire import RangesDatagram, encode_ranges, some_ranges
 from synchronizar.modules import CRYSTAL_PPM, MOST_M, Heard, simulate_modules
 from synchronizar.ranges import SOURCES
@@ -448,3 +449,10 @@ def test_a_walk_with_modules_is_registered_and_evaluated(tmp_path: Path, capsys:
     assert [user["state"] for user in users.values()] == ["registered"] * 3
     assert main(["evaluate", str(walk), str(answer), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["joint_ate_xy"] < 0.05
+
+
+def test_as_many_modules_are_let_into_a_network_as_the_firmware_takes() -> None:
+    header = (Path(__file__).parent.parent / "firmware" / "core" / "frame.h").read_text()
+    found = re.search(r"#define FRAME_MEMBERS (\d+)", header)
+    assert found is not None
+    assert int(found[1]) == MOST_MODULES

@@ -98,7 +98,6 @@ enum dw1000_register {
 #define DW1000_LDEERR (UINT64_C(1) << 18)
 #define DW1000_RXOVRR (UINT64_C(1) << 20)
 #define DW1000_RXPTO (UINT64_C(1) << 21)
-#define DW1000_SLP2INIT (UINT64_C(1) << 23)
 #define DW1000_RXSFDTO (UINT64_C(1) << 26)
 #define DW1000_HPDWARN (UINT64_C(1) << 27)  // read only
 #define DW1000_TXBERR (UINT64_C(1) << 28)

@@ -369,7 +369,7 @@ static void on_received(struct ranging* r, const struct ranging_event* event, st
   if (frame.has_plan) on_poll(r, &frame, event->stamp);
   on_word(r, &frame, event, result, found);
   if (r->state == RANGING_JOINING && frame.has_plan && r->joining &&
-      frame.from == r->roster.member[0].address && !r->leaving) {
+      frame.from == r->roster.member[0].address) {
     ask_to_join(r);
   }
 }
