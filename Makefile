@@ -11,7 +11,8 @@ CTEST := build/ctest
 # How long each of the firmware's fuzz targets runs.
 export FUZZ_SECONDS ?= 5
 
-STUDIES := sampling_space distance sample_count pointing traces sweeps ranges_needed beside_bound beside_recordings
+STUDIES := $(addprefix paper.,sampling_space distance sample_count pointing traces) \
+	$(addprefix sweeps.,sweeps ranges_needed beside_bound beside_recordings)
 
 .PHONY: demo modules test lint sizes bench experiments clean
 
@@ -20,7 +21,7 @@ demo: $(VENV)/installed
 
 # The modules' firmware in the simulated air, from walks to registration.
 modules: $(VENV)/tested-with
-	$(BIN)/python -m experiments.modules
+	$(BIN)/python -m experiments.modules.end_to_end
 
 test: $(VENV)/tested-with $(CTEST)/built
 	$(BIN)/ctest --test-dir $(CTEST) --output-on-failure --parallel 2
@@ -44,7 +45,7 @@ sizes: $(VENV)/ready
 	$(BIN)/python firmware/tests/sizes.py
 
 bench: $(VENV)/installed
-	$(BIN)/python -m experiments.bench
+	$(BIN)/python -m experiments.performance.bench
 
 # Quickly; at the paper's size with `make experiments SIZE=--full`.
 experiments: $(VENV)/tested-with

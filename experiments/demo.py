@@ -11,15 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from synchronizar import report
-from synchronizar.evaluate import evaluate
+from synchronizar.data.recording import Recording
+from synchronizar.data.registration import Registration
+from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame, wrap_angle
-from synchronizar.pipeline import register
-from synchronizar.plots import plot
-from synchronizar.recording import Recording
-from synchronizar.registration import Registration
-from synchronizar.scene import Scene
-from synchronizar.simulate import Simulation, simulate
+from synchronizar.io.registration_folder import range_counts, write_registration
+from synchronizar.reporting.evaluate import evaluate
+from synchronizar.reporting.plots import plot
+from synchronizar.simulation.scene import Scene
+from synchronizar.simulation.simulate import Simulation, simulate
 
 SCENE = Scene(
     users=4,
@@ -48,7 +48,7 @@ def main() -> None:
     simulation.save(walk)
     recording = Recording.load(walk)
     registration = register(recording)
-    report.write(registration, recording, answer)
+    write_registration(registration, recording, answer)
 
     print(f"{SCENE.users} walkers, {SCENE.seconds:g} s, {simulation.late.mean():.0%} of the ranges late,")
     print("SLAM off in scale, drifting and jumping; frames beside the reference's at the end, m and degrees\n")
@@ -57,7 +57,7 @@ def main() -> None:
         print(_row(registration, simulation, name))
     evaluation = evaluate(registration.tracks(recording), simulation.truth, registration.reference)
     print(f"\nall walks against the truth: {evaluation.joint_ate:.3f} m, in the plane {evaluation.joint_ate_xy:.3f} m")
-    print("ranges: " + ", ".join(f"{count} {what}" for what, count in report.range_counts(registration.ranges).items()))
+    print("ranges: " + ", ".join(f"{count} {what}" for what, count in range_counts(registration.ranges).items()))
     right = registration.ranges.used != simulation.late
     print(f"late ones told from honest ones: {right.mean():.1%} of {len(right)}")
     print(f"picture: {plot(recording, answer, walk.name)}")

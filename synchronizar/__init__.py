@@ -13,8 +13,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from synchronizar.data.ranges import Ranges
+    from synchronizar.data.recording import Recording
+    from synchronizar.data.registration import Registration, State
+    from synchronizar.data.track import Track
+    from synchronizar.data.user import User
     from synchronizar.errors import InputError
-    from synchronizar.factors import (
+    from synchronizar.estimation.incremental.estimator import Estimator
+    from synchronizar.estimation.register import register
+    from synchronizar.geometry import YawFrame
+    from synchronizar.graph.range_factors import (
         DeviceBlockFactor,
         DeviceKeys,
         FixedUser,
@@ -22,34 +30,26 @@ if TYPE_CHECKING:
         RangeFactor,
         UserKeys,
     )
-    from synchronizar.geometry import YawFrame
-    from synchronizar.incremental import Estimator
-    from synchronizar.model import Model
-    from synchronizar.pipeline import register
-    from synchronizar.ranges import Ranges
-    from synchronizar.recording import Recording
-    from synchronizar.registration import Registration, State
-    from synchronizar.track import Track
-    from synchronizar.user import User
+    from synchronizar.parameters import Model
 
 _HOMES = {
-    "DeviceBlockFactor": "factors",
-    "DeviceKeys": "factors",
-    "Estimator": "incremental",
-    "FixedUser": "factors",
+    "DeviceBlockFactor": "graph.range_factors",
+    "DeviceKeys": "graph.range_factors",
+    "Estimator": "estimation.incremental.estimator",
+    "FixedUser": "graph.range_factors",
     "InputError": "errors",
-    "Model": "model",
-    "RangeBlockFactor": "factors",
-    "RangeFactor": "factors",
-    "Ranges": "ranges",
-    "Recording": "recording",
-    "Registration": "registration",
-    "State": "registration",
-    "Track": "track",
-    "User": "user",
-    "UserKeys": "factors",
+    "Model": "parameters",
+    "RangeBlockFactor": "graph.range_factors",
+    "RangeFactor": "graph.range_factors",
+    "Ranges": "data.ranges",
+    "Recording": "data.recording",
+    "Registration": "data.registration",
+    "State": "data.registration",
+    "Track": "data.track",
+    "User": "data.user",
+    "UserKeys": "graph.range_factors",
     "YawFrame": "geometry",
-    "register": "pipeline",
+    "register": "estimation.register",
 }
 
 __all__ = [

@@ -19,13 +19,13 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn, get_type_hints
 
 from synchronizar.errors import InputError
-from synchronizar.scene import SCHEMES, Scene
+from synchronizar.simulation.scene import SCHEMES, Scene
 
 if TYPE_CHECKING:
-    from synchronizar.evaluate import Evaluation
-    from synchronizar.recording import Recording
-    from synchronizar.registration import Registration
-    from synchronizar.replay import Update
+    from synchronizar.data.recording import Recording
+    from synchronizar.data.registration import Registration
+    from synchronizar.data.updates import Update
+    from synchronizar.reporting.evaluate import Evaluation
 
 PROGRAM = "synchronizar"
 UNUSABLE = 2
@@ -115,43 +115,44 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _register(options: argparse.Namespace) -> None:
-    from synchronizar import report
+    from synchronizar.io.registration_folder import write_registration
 
     if options.out is not None:
         _refuse_recordings(options.out)
     recording, registration = _solved(options)
     if options.out is not None:
-        report.write(registration, recording, options.out)
+        write_registration(registration, recording, options.out)
     _tell(registration, options.json)
 
 
 def _replay(options: argparse.Namespace) -> None:
-    from synchronizar import report
+    from synchronizar.io.registration_folder import write_replay
 
     if options.out is not None:
         _refuse_recordings(options.out)
     recording, loaded = _loaded(options.recording)
-    from synchronizar.replay import replay
+    from synchronizar.estimation.incremental.replay import replay
 
     with _solvable(options.recording):
         replayed = replay(recording, options.reference, told=_live_view() if sys.stderr.isatty() else None)
     registration = replace(replayed.registration, seconds={**replayed.registration.seconds, "load": loaded})
     if options.out is not None:
-        report.write_replay(replayed._replace(registration=registration), recording, options.out)
+        write_replay(replayed._replace(registration=registration), recording, options.out)
     _tell(registration, options.json)
 
 
 def _tell(registration: Registration, as_json: bool) -> None:
-    from synchronizar import report
+    from synchronizar.io.registration_folder import registration_json
+    from synchronizar.reporting.tables import registration_table
 
     _print(
-        json.dumps(report.registration_json(registration), allow_nan=False) if as_json else report.table(registration)
+        json.dumps(registration_json(registration), allow_nan=False) if as_json else registration_table(registration)
     )
 
 
 def _loaded(folder: Path) -> tuple[Recording, float]:
     """A recording, and how many seconds that took."""
-    from synchronizar.recording import Recording
+    from synchronizar.data.recording import Recording
 
     _progress(f"loading {folder} ...")
     began = perf_counter()
@@ -214,18 +215,18 @@ def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
     _progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
     with _solvable(options.recording):
         if options.method == "pairwise":
-            from synchronizar.pairwise import register_pairwise
+            from synchronizar.estimation.pairwise.register import register_pairwise
 
             registration = register_pairwise(recording, options.reference)
         else:
-            from synchronizar.pipeline import register
+            from synchronizar.estimation.register import register
 
             registration = register(recording, options.reference, kind=options.model or "full")
     return recording, replace(registration, seconds={**registration.seconds, "load": loaded})
 
 
 def _evaluate(options: argparse.Namespace) -> None:
-    from synchronizar.evaluate import evaluate_folder, evaluation_json
+    from synchronizar.reporting.evaluate import evaluate_folder, evaluation_json
 
     evaluation = evaluate_folder(options.recording, options.out)
     if options.json:
@@ -260,11 +261,11 @@ def _simulate(options: argparse.Namespace) -> None:
     if not options.modules:
         if options.scheme is not None:
             raise InputError("--scheme", "is that of modules: it needs --modules")
-        from synchronizar.simulate import simulate
+        from synchronizar.simulation.simulate import simulate
 
         simulation, heard = simulate(scene), ""
     else:
-        from synchronizar.modules import simulate_modules
+        from synchronizar.simulation.modules import simulate_modules
 
         _progress(f"ranging for {scene.seconds:g} s in the simulated air ...")
         told = simulate_modules(scene, options.scheme or SCHEMES[0])
@@ -304,8 +305,8 @@ def _words(text: str) -> tuple[str, ...]:
 
 
 def _plot(options: argparse.Namespace) -> None:
-    from synchronizar.plots import plot
-    from synchronizar.recording import Recording
+    from synchronizar.data.recording import Recording
+    from synchronizar.reporting.plots import plot
 
     _progress(f"loading {options.recording} ...")
     recording = Recording.load(options.recording)

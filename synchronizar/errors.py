@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -14,3 +16,12 @@ class InputError(ValueError):
     def __init__(self, place: str | Path, fault: str, line: int | None = None) -> None:
         where = str(place) if line is None else f"{place}:{line}"
         super().__init__(" ".join(f"{where}: {fault}".split()))
+
+
+@contextmanager
+def os_faults(path: Path) -> Iterator[None]:
+    """Whatever the operating system refuses to do with `path` becomes an InputError that names it."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(path, error.strerror or str(error)) from error

@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from broken import BROKEN, Broken, write_good
+from support.broken import BROKEN, Broken, write_good
+from support.paths import REPOSITORY
 
-from synchronizar import pipeline
 from synchronizar.cli import main
-from synchronizar.scene import Scene
+from synchronizar.estimation import register as pipeline
+from synchronizar.simulation.scene import Scene
 
-ROOT = Path(__file__).parent.parent
+ROOT = REPOSITORY
 SILENT = {"state": "disconnected", "x": None, "y": None, "z": None, "yaw": None, "covariance": None}
 
 Run = subprocess.CompletedProcess[str]

@@ -11,7 +11,7 @@ namespace air {
 
 namespace {
 
-// As in the walks that are simulated without modules (synchronizar/radios.py).
+// As in the walks that are simulated without modules (synchronizar/simulation/radios.py).
 constexpr double kShadowingDb = 1.0;
 // Received power in all minus that of the first path, mean and 1 sigma: in line of sight, and late.
 constexpr double kClearLossDb = 3.0, kClearLossSigmaDb = 1.5;

@@ -1,0 +1,167 @@
+"""What the experiments on the full model share: where everybody is at last, and maximum likelihood from the truth.
+
+The common frame is the reference's own at its first pose, as `register` has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.data.recording import Recording
+from synchronizar.data.track import Track
+from synchronizar.geometry import (
+    YawFrame,
+    apply_frames,
+    difference,
+    multiply_quaternions,
+    wrap_angle,
+    yaw_of_quaternions,
+)
+from synchronizar.graph.optimization import optimize
+from synchronizar.graph.pose_graph import AnchoredGraph
+from synchronizar.graph.states import CLOCK, Walks, common_track
+from synchronizar.parameters import Model
+from synchronizar.preprocessing.keyframes import STANDING, keyframes_of
+from synchronizar.preprocessing.range_measurements import samples_of
+from synchronizar.preprocessing.relocalizations import mend
+from synchronizar.simulation.simulate import Simulation
+
+_KNOWN = 1e-4  # a sigma that is next to nothing
+_ROUNDS = 10
+_SAME_CLOCK = 1e-4  # s
+
+
+def common_from_world(simulation: Simulation, reference: str) -> YawFrame:
+    """The room's frame in the reference's own as it was at its first pose; simulated SLAM begins at its origin."""
+    x, y, z = simulation.truth[reference].position[0].tolist()
+    yaw = _slam_headings(simulation.truth[reference], simulation.recording.tracks[reference])[0]
+    return YawFrame(x, y, z, float(yaw)).inverse()
+
+
+def true_tracks(simulation: Simulation, reference: str) -> dict[str, Track]:
+    """Where every device really was, in the common frame."""
+    frame = common_from_world(simulation, reference)
+    return {
+        name: replace(t, position=frame @ t.position, quat_xyzw=frame.rotate_quaternions(t.quat_xyzw))
+        for name, t in simulation.truth.items()
+    }
+
+
+def last_poses(tracks: Mapping[str, Track]) -> dict[str, Array]:
+    """(7,) of each track: x, y, z and attitude x y z w at its last stamp."""
+    return {name: np.concatenate([track.position[-1], track.quat_xyzw[-1]]) for name, track in tracks.items()}
+
+
+def last_errors(poses: Mapping[str, Array], truth: Mapping[str, Array], names: list[str]) -> Array:
+    """(n, 4) x, y, z (m), yaw (rad): last poses of these users beside the true ones; NaN where there is none."""
+    out = np.full((len(names), 4), np.nan)
+    for row, name in zip(out, names, strict=True):
+        if name in poses:
+            row[:3] = poses[name][:3] - truth[name][:3]
+            row[3] = yaw_of_quaternions(_beside(poses[name][None, 3:], truth[name][None, 3:]))[0]
+    return out
+
+
+def model_of_scene(simulation: Simulation) -> Model:
+    """The model that a scene was drawn from: what it has none of is as by default."""
+    scene, model = simulation.scene, Model()
+    if scene.drift_m_per_sqrt_s > 0.0:
+        model = replace(model, drift_m_per_sqrt_s=scene.drift_m_per_sqrt_s, drift_m_per_sqrt_m=_KNOWN)
+    if scene.drift_rad_per_sqrt_s > 0.0:
+        model = replace(model, drift_rad_per_sqrt_s=scene.drift_rad_per_sqrt_s, drift_rad_per_sqrt_m=_KNOWN)
+    if scene.scale_sigma > 0.0:
+        model = replace(model, scale_sigma=scene.scale_sigma, scale_common_sigma=_KNOWN)
+    if any(simulation.range_bias.values()):
+        # Of the biases that there are: an experiment may have added to one radio's.
+        bias = float(np.sqrt(np.mean(np.square(list(simulation.range_bias.values())))))
+        model = replace(model, bias_sigma=max(bias, scene.bias_sigma), bias_common_sigma=_KNOWN)
+    if scene.clock_offset_sigma > 0.0:
+        model = replace(model, clock_sigma=scene.clock_offset_sigma, clock_common_sigma=_KNOWN)
+    # Ranges as they were drawn: white noise, those that are late left out.
+    return replace(model, range_sigma=scene.sigma, multipath_sigma=0.0, early_share=0.0)
+
+
+def oracle(simulation: Simulation, reference: str) -> dict[str, Track]:
+    """Everybody's track by Gaussian maximum likelihood from the truth's start, on the ranges that are not late.
+
+    The same anchored pose graph as `register` solves, with squared losses, the noise that the scene was drawn with,
+    every range worth 1 and every step of SLAM believed alike; jumps are mended as there.
+    """
+    model, recording = model_of_scene(simulation), simulation.recording
+    mended = {name: mend(track, model) for name, track in recording.tracks.items()}
+    smooth = replace(recording, tracks={name: of_user.track for name, of_user in mended.items()})
+    samples = samples_of(smooth, model)
+    samples = samples[np.flatnonzero(~simulation.late[samples.row]).astype(np.int32)]
+    samples = replace(samples, late_odds=np.zeros(len(samples)))
+    users = recording.users
+    keyframes = [STANDING if u.static else keyframes_of(mended[u.name], model.keyframe_interval, model) for u in users]
+    ref = recording.index(reference)
+    graph = AnchoredGraph(smooth, samples, keyframes, list(range(len(users))), ref, model)
+    walks = _maximum_likelihood(graph, true_walks(graph, simulation, smooth))
+    return {
+        user.name: common_track(walks, u, keyframes[u], smooth.tracks[user.name])[0]
+        for u, user in enumerate(users)
+        if not user.static
+    }
+
+
+def true_walks(graph: AnchoredGraph, simulation: Simulation, smooth: Recording) -> Walks:
+    """The truth in the graph's variables; `smooth` has the mended tracks that its keyframes are of."""
+    k = len(graph.users)
+    reference = graph.users[graph.reference].name
+    truth = true_tracks(simulation, reference)
+    frames, device, local = np.zeros((k, 4)), np.zeros((k, 3)), []
+    for u, user in enumerate(graph.users):
+        name, keyframes, true = user.name, graph.keyframes[u], truth[user.name]
+        scale = simulation.world_from_user[name].scale
+        device[u] = np.log(scale), simulation.range_bias[name], simulation.clock_offset[name]
+        if user.static:
+            frames[u, :3] = true.position[0]
+            local.append(np.zeros((1, 4)))
+            continue
+        at = np.searchsorted(true.t, keyframes.t)
+        place, yaw = true.position[at], _slam_headings(true, smooth.tracks[name])[at]
+        first = keyframes.place[0] - keyframes.anchor
+        frames[u, 3] = yaw[0]
+        frames[u, :3] = place[0] - apply_frames(frames[u] * [0.0, 0.0, 0.0, 1.0], scale * first)
+        back = np.array([0.0, 0.0, 0.0, -yaw[0]])
+        own = apply_frames(np.broadcast_to(back, (len(place), 4)), place - frames[u, :3]) / scale
+        local.append(np.column_stack([own, wrap_angle(yaw - yaw[0])]))
+    frames[graph.reference] = 0.0
+    return Walks(frames, local, device)
+
+
+def _maximum_likelihood(graph: AnchoredGraph, walks: Walks) -> Walks:
+    """The minimum next to these walks; antennas are read anew while clocks still move."""
+    about, ones = walks.frames, np.ones(len(graph.samples))
+    judgement = replace(graph.first_judgement(), late_odds=0.0 * ones, worth=ones)
+    for _ in range(_ROUNDS):
+        before = walks.device[:, CLOCK].copy()
+        graph.read_antennas(before)
+        factors = graph.factors(about, judgement)
+        values = optimize(factors, graph.values(walks), graph.ordering(), 100, 1e-6)
+        walks = graph.walks(values, walks)
+        if np.abs(walks.device[:, CLOCK] - before).max() < _SAME_CLOCK:
+            break
+    return walks
+
+
+def frame_errors(frames: Mapping[str, YawFrame], truth: Mapping[str, YawFrame], names: list[str]) -> Array:
+    """(n, 4) x, y, z (m), yaw (rad) of frames beside the true ones."""
+    pairs = [(frames[name], truth[name]) for name in names]
+    ours, true = (np.array([[f.x, f.y, f.z, f.yaw] for f in side]) for side in zip(*pairs, strict=True))
+    return difference(ours, true)
+
+
+def _slam_headings(truth: Track, own: Track) -> Array:
+    """(n,) rad: how SLAM's axes lie in the truth's at each pose."""
+    return yaw_of_quaternions(_beside(truth.quat_xyzw, own.quat_xyzw))
+
+
+def _beside(left: Array, right: Array) -> Array:
+    """(n, 4): what turns the attitudes `right` into `left`."""
+    return multiply_quaternions(left, right * np.array([-1.0, -1.0, -1.0, 1.0]))

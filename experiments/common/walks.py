@@ -1,0 +1,102 @@
+"""What the experiments on simulated walks share: truth, maximum likelihood from the truth's start, and the bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from multiprocessing import Pool
+from typing import NamedTuple, TypeVar
+
+import gtsam
+import numpy as np
+
+from synchronizar._core import Squared
+from synchronizar.arrays import Array
+from synchronizar.data.registration import State
+from synchronizar.estimation.register import register
+from synchronizar.geometry import difference
+from synchronizar.graph.range_factors import RangeBlockFactor
+from synchronizar.graph.rigid_graph import RigidGraph, blocks_of
+from synchronizar.parameters import Model
+from synchronizar.preprocessing.range_measurements import samples_of
+from synchronizar.simulation.simulate import Simulation
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def true_frames(simulation: Simulation, reference: str) -> Array:
+    """(k, 4) x, y, z, yaw: the true `common_from_user` of every user, the common frame being the reference's."""
+    common_from_world = simulation.world_from_user[reference].inverse()
+    frames = [common_from_world @ simulation.world_from_user[u.name] for u in simulation.recording.users]
+    return np.array([[f.x, f.y, f.z, f.yaw] for f in frames])
+
+
+class Oracle(NamedTuple):
+    """What can be known at best: late ranges left out, because the oracle knows which they are."""
+
+    error: Array
+    """(k, 4) of maximum likelihood, started at the truth, under the same model and priors."""
+    bound: Array
+    """(k, 4) 1 sigma by the Cramer-Rao bound (with the priors, so that of van Trees), at the truth."""
+
+
+def oracle(simulation: Simulation, reference: str, model: Model) -> Oracle:
+    """Gaussian maximum likelihood from the truth's start on the ranges that are not late."""
+    users = simulation.recording.users
+    samples = samples_of(simulation.recording, model)
+    samples = samples[np.flatnonzero(~simulation.late[samples.row]).astype(np.int32)]
+    truth = true_frames(simulation, reference)
+    ref = simulation.recording.index(reference)
+    rigid = RigidGraph(blocks_of(samples), users, list(range(len(users))), ref, model)
+    graph = _gaussian(rigid.about(truth))
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setMaxIterations(200)
+    parameters.setAbsoluteErrorTol(1e-9)
+    parameters.setRelativeErrorTol(1e-9)
+    start = rigid.values(truth)
+    found = gtsam.LevenbergMarquardtOptimizer(graph, start, parameters).optimize()
+    # The information that the ranges have by themselves: that of ranges without noise, at the truth.
+    noise_free = replace(samples, distance=samples.distance - rigid.residuals(start))
+    ideal = RigidGraph(blocks_of(noise_free), users, list(range(len(users))), ref, model).about(truth)
+    variances = np.diagonal(ideal.covariances(start, _gaussian(ideal)), axis1=1, axis2=2)
+    return Oracle(difference(rigid.frames(found), truth), np.sqrt(variances))
+
+
+class Beside(NamedTuple):
+    """The users of a walk but the reference, beside the best that could be done."""
+
+    ours: Array
+    """(k - 1, 4) errors of x, y, z, yaw."""
+    best: Array
+    """(k - 1, 4) those of the oracle."""
+    bound: Array
+    """(k - 1, 4) 1 sigma by the bound."""
+    registered: list[bool]
+
+
+def beside_oracle(simulation: Simulation) -> Beside:
+    """Register a walk with the rigid model and set it beside the oracle."""
+    registration = register(simulation.recording, kind="rigid")
+    truth = true_frames(simulation, registration.reference)
+    best = oracle(simulation, registration.reference, Model())
+    others = [u for u in registration.users.values() if u.name != registration.reference]
+    which = [simulation.recording.index(u.name) for u in others]
+    placed = [u.common_from_user for u in others]
+    ours = np.array([[f.x, f.y, f.z, f.yaw] if f is not None else [np.nan] * 4 for f in placed])
+    registered = [u.state is State.REGISTERED for u in others]
+    return Beside(difference(ours, truth[which]), best.error[which], best.bound[which], registered)
+
+
+def _gaussian(rigid: RigidGraph) -> gtsam.NonlinearFactorGraph:
+    """The graph with squared losses."""
+    graph = rigid.priors()
+    for b in rigid.blocks:
+        graph.add(RangeBlockFactor(rigid.place(b.pair.i), rigid.place(b.pair.j), b.block, Squared()))
+    return graph
+
+
+def on_all_cores(work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    """The results of independent tasks, in their order."""
+    with Pool() as pool:
+        yield from pool.imap(work, tasks, chunksize=4)

@@ -1,0 +1,1 @@
+"""Registration while people walk: how soon, how true."""

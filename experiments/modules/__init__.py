@@ -1,0 +1,1 @@
+"""The ranging modules' firmware in its simulated air."""

@@ -1,0 +1,1 @@
+"""One thing after another gets worse: the paper's method beside ours."""

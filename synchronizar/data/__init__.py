@@ -1,0 +1,1 @@
+"""Values without files: tracks, ranges, users, recordings, registrations."""

@@ -1,0 +1,82 @@
+"""What is put in: each device's own track, the ranges between them, and what is known of the devices.
+
+Everything is checked once, at construction, and frozen; the rest of the program trusts it. Frames are the devices' own,
+z up; lengths m, times s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices, Mask
+from synchronizar.data.ranges import Ranges
+from synchronizar.data.track import Track
+from synchronizar.data.user import User
+from synchronizar.geometry import rotate_by_quaternions
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A walk: its users, sorted by name, the track of each that is not static, and all ranges.
+
+    Raises ValueError where these contradict each other.
+    """
+
+    users: tuple[User, ...]
+    tracks: Mapping[str, Track]
+    ranges: Ranges
+
+    def __post_init__(self) -> None:
+        names = [u.name for u in self.users]
+        if names != sorted(set(names)):
+            raise ValueError("users must be sorted by name, each once")
+        if {u.name for u in self.users if not u.static} != set(self.tracks):
+            raise ValueError("every user that is not static needs a track, and nobody else has one")
+        ends = np.concatenate([self.ranges.a, self.ranges.b])
+        if len(ends) and (ends.min() < 0 or ends.max() >= len(names)):
+            raise ValueError("a range names a user that is not there")
+        antennas = np.array([len(u.antennas) for u in self.users], dtype=np.int32)
+        for who, antenna in ((self.ranges.a, self.ranges.antenna_a), (self.ranges.b, self.ranges.antenna_b)):
+            if len(who) and ((antenna < -1) | (antenna >= antennas[who])).any():
+                raise ValueError("a range names an antenna that its user does not have")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Recording:
+        """Read a recording's folder: tracks/<user>.tum, ranges.csv and, if it is there, recording.toml.
+
+        Raises InputError where the folder is not a recording, naming the file, the line and the fault.
+        """
+        from synchronizar.io.recording_folder import load_recording
+
+        return load_recording(Path(path))
+
+    def save(self, path: str | Path) -> None:
+        """Write the folder that `load` reads; whatever else it holds is left alone.
+
+        Raises InputError where it cannot be written, holds the track of a user who is not in this recording, or a
+        user's name cannot be that of a file.
+        """
+        from synchronizar.io.recording_folder import save_recording
+
+        save_recording(self, Path(path))
+
+    def index(self, name: str) -> int:
+        """Where the user of that name stands in `users`; KeyError if there is none."""
+        for i, user in enumerate(self.users):
+            if user.name == name:
+                return i
+        raise KeyError(name)
+
+    def antenna_positions(self, user: int, t: Array, antenna: Indices, max_gap: float) -> tuple[Array, Mask]:
+        """Where a user's antennas were at its own times t (n,): (n, 3) m in its own frame, and which are known."""
+        who = self.users[user]
+        if who.static:
+            return np.zeros((len(t), 3)), np.ones(len(t), dtype=bool)
+        poses = self.tracks[who.name].at(t, max_gap)
+        if not who.antennas:
+            return poses.position, poses.valid
+        return poses.position + rotate_by_quaternions(poses.quat_xyzw, who.levers[antenna]), poses.valid

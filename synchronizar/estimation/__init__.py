@@ -1,0 +1,1 @@
+"""From range measurements to everybody's frame and a verdict on it."""

@@ -1,0 +1,233 @@
+"""What the minima of an anchored graph mean: frames about the users' own origins, states, devices, tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array, Mask
+from synchronizar.data.recording import Recording
+from synchronizar.data.registration import State
+from synchronizar.data.track import Track
+from synchronizar.estimation.hypotheses import Placement, placements
+from synchronizar.estimation.integrity import Verdict, nearness, verdicts
+from synchronizar.estimation.local_optima import Settled
+from synchronizar.estimation.outcome import Outcome
+from synchronizar.estimation.residual_statistics import Misfit
+from synchronizar.estimation.slips import slips
+from synchronizar.geometry import apply_frames, multiply_quaternions, wrap_angle, yaw_of_quaternions, yaw_quaternion
+from synchronizar.graph.marginals import Sureness, sureness
+from synchronizar.graph.pose_graph import AnchoredGraph, device_sigmas
+from synchronizar.graph.states import BIAS, CLOCK, SCALE, Walks, common_track
+from synchronizar.parameters import Model
+from synchronizar.preprocessing.extent import corners_of
+from synchronizar.preprocessing.range_measurements import Samples
+from synchronizar.preprocessing.relocalizations import Mended
+
+
+class Told(NamedTuple):
+    """What is told of each user where its track ends."""
+
+    said: list[Verdict | None]
+    """None for those that no chain of ranges ties to the reference."""
+    placements: list[Placement]
+    """Joint placements of the last keyframes, best first, in the graph's frame."""
+    covariances: Array
+    """(k, 6, 6) of the best one's: additive errors in x, y, z, yaw, in the log scale, in the reference's."""
+    joint: Array
+    """(k, 6, k, 6) those of all users at once, the best minimum's alone."""
+    honest: Array
+    """(n,) the probability that each sample is."""
+    weight: Array
+    """(n,) 1/m^2, of each sample."""
+    corners: Array
+    """(k, c, 3) m: what bounds each walk, about its last keyframe, in its own axes."""
+    progress: Array
+    """(k,) 0 .. 1 of how near each user is to being registered; NaN for users that are not placed."""
+    device_sigma: Array
+    """(k, 3) 1 sigma of log scale, bias (m) and clock (s); NaN where a radio has none."""
+
+
+def tell(
+    minima: list[Settled],
+    smooth: Recording,
+    model: Model,
+    registered: Collection[int] = (),
+    sure: Sureness | None = None,
+) -> Told:
+    """States, and how sure the best placement is; `registered` are users that were so before.
+
+    `sure` is how sure the best minimum is, where that is known.
+    """
+    best = minima[0]
+    graph, walks = best.graph, best.walks
+    weight, honest = graph.honest(walks, best.judgement)
+    if sure is None:
+        sure = sureness(graph, walks, best.judgement)
+    devices = np.where(_static(smooth)[:, None] & (np.arange(3) != BIAS), np.nan, sure.devices)
+    corners = _corners(smooth, graph, walks)
+
+    def relative(s: Settled) -> Array:
+        return (sure if s is best else sureness(s.graph, s.walks, s.judgement)).relative
+
+    told = placements(minima, relative, corners, model)
+    fit = {u: Misfit(1.0, _rejected(graph.samples, honest, u)) for u in graph.free}
+    said = [
+        _with_device(v, devices[u], model) for u, v in enumerate(verdicts(told, fit, graph, corners, model, registered))
+    ]
+    heights = walks.frames[:, 2] - walks.frames[graph.reference, 2]
+    carried = () if graph.carried is None else graph.carried.users  # whose heights have drifted since
+    said = [
+        v
+        if v is None or u in carried
+        else _with_height(v, float(heights[u]), float(np.sqrt(graph.prior_variances(u)[2])), model)
+        for u, v in enumerate(said)
+    ]
+    # How sure it is, is judged beside the reference as it is now, and told in the frame of its first pose: what the
+    # minima differ by adds to both.
+    covariances = sure.poses.copy()
+    covariances[:, :4, :4] += told[0].covariances - sure.relative
+    near = np.full(len(graph.users), np.nan)
+    near[graph.reference] = 1.0
+    for u in graph.free:
+        near[u] = min(1.0, nearness(told[0], u, graph.users[u].static, corners[u], model))
+    if len(told) > 1:  # as far as the next best joint placement is excluded
+        near *= min(1.0, max(told[1].cost - told[0].cost, 0.0) / model.cost_excluded_late)
+        near[graph.reference] = 1.0
+    weight = weight * best.judgement.worth / graph.sigma**2
+    return Told(said, told, covariances, sure.joint, honest, weight, corners, near, np.sqrt(devices))
+
+
+def outcome(
+    recording: Recording,
+    smooth: Recording,
+    mended: dict[str, Mended],
+    minima: list[Settled],
+    noise: Array,
+    searched: float,
+    model: Model,
+) -> Outcome:
+    """All of it, in the frame of the reference's first pose; `smooth` is the recording with mended tracks."""
+    best = minima[0]
+    graph, walks = best.graph, best.walks
+    users, k = recording.users, len(recording.users)
+    told = tell(minima, smooth, model)
+    scale = np.where(_static(recording), 1.0, np.exp(walks.device[:, SCALE]))
+    last_own, turned = np.zeros((k, 3)), np.zeros(k)
+    for u, user in enumerate(users):
+        if not user.static:
+            last_own[u] = recording.tracks[user.name].position[-1]
+            turned[u] = yaw_of_quaternions(mended[user.name].mended_from_slam[-1:])[0]
+    origin = scale[graph.reference] * graph.keyframes[graph.reference].anchor
+    frames = [about_own(p.frames, turned, scale, last_own) for p in told.placements]
+    for of_placement in frames:
+        of_placement[:, :3] += origin
+    errors = errors_about_own(frames[0], scale, last_own)
+    errors[:, :3, 5] = origin
+    device = walks.device.copy()
+    device[:, SCALE] = scale
+    sigma = told.device_sigma.copy()
+    sigma[:, SCALE] *= scale
+    tracks = {}
+    jumps = {name: of_user.jumps for name, of_user in mended.items()}
+    for u, user in enumerate(users):
+        if user.static or u not in graph.placed:
+            continue
+        found = [*jumps[user.name], *slips(walks, graph, u, smooth.tracks[user.name])]
+        jumps[user.name] = tuple(sorted(found, key=lambda jump: jump.t))
+        track, _ = common_track(walks, u, graph.keyframes[u], smooth.tracks[user.name])
+        moved = _moved(track, best.frames[u], told.placements[0].frames[u])
+        tracks[user.name] = replace(moved, position=moved.position + origin)
+    return Outcome(
+        searched=searched,
+        said=told.said,
+        costs=[p.cost for p in told.placements],
+        frames=frames,
+        covariances=errors @ told.covariances @ errors.transpose(0, 2, 1),
+        joint=np.einsum("uac,ucvd,vbd->uavb", errors, told.joint, errors, optimize=True),
+        errors=errors[:, :, :4],
+        scale=scale,
+        samples=graph.samples,
+        weight=told.weight,
+        honest=told.honest,
+        residual=-graph.residuals(walks),
+        device=device,
+        device_sigma=sigma,
+        slam_noise=np.where(_static(recording)[:, None], np.nan, noise),
+        tracks=tracks,
+        jumps=jumps,
+    )
+
+
+def _static(recording: Recording) -> Mask:
+    return np.array([user.static for user in recording.users])
+
+
+def _moved(track: Track, best: Array, mean: Array) -> Track:
+    """A track as the best minimum has it, moved and turned as a whole so that it ends where the mean of all has it.
+
+    `best` and `mean` (4,) are x, y, z, yaw of the last keyframe.
+    """
+    turn = wrap_angle(float(mean[3] - best[3]))
+    position = apply_frames(np.array([*mean[:3], turn]), track.position - best[:3])
+    return replace(track, position=position, quat_xyzw=multiply_quaternions(yaw_quaternion(turn), track.quat_xyzw))
+
+
+def _corners(smooth: Recording, graph: AnchoredGraph, walks: Walks) -> Array:
+    """(k, c, 3) m: what bounds each walk, about its last keyframe."""
+    corners = corners_of(smooth)
+    last = np.array([of_user.place[-1] for of_user in graph.keyframes])
+    return np.asarray(np.exp(walks.device[:, SCALE])[:, None, None] * (corners - last[:, None]))
+
+
+def _rejected(samples: Samples, honest: Array, user: int) -> float:
+    mine = (samples.i == user) | (samples.j == user)
+    return float((honest[mine] < 0.5).mean()) if mine.any() else 0.0
+
+
+def _with_height(said: Verdict, above: float, sigma: float, model: Model) -> Verdict:
+    """The verdict; nobody is registered whose SLAM origin would lie where the prior has next to none."""
+    if said.state is not State.REGISTERED or abs(above) < model.height_contradicted * sigma:
+        return said
+    side = "above" if above > 0.0 else "below"
+    reason = (
+        f"its origin would lie {abs(above):.1f} m {side} the reference's: if that can be, its height_sigma is larger"
+    )
+    return said._replace(state=State.UNOBSERVABLE, reason=reason)
+
+
+def _with_device(said: Verdict | None, variances: Array, model: Model) -> Verdict | None:
+    """The verdict, with what of the device its priors determine rather than the ranges."""
+    if said is None:
+        return None
+    own, common = device_sigmas(model)
+    prior = own**2 + common**2
+    names = {SCALE: "scale", BIAS: "range_bias", CLOCK: "clock_offset"}
+    dominated = [name for column, name in names.items() if variances[column] > 0.5 * prior[column]]
+    return said._replace(prior_dominated=(*said.prior_dominated, *dominated))
+
+
+def about_own(frames: Array, turned: Array, scale: Array, last_own: Array) -> Array:
+    """Frames (k, 4) of the last keyframes -> of the users' own origins, so that p_common = Rz(yaw) scale p_own + x y z.
+
+    `turned` (k,) rad: what mending turned SLAM's axes by at the end; `last_own` (k, 3) the last pose as SLAM has it.
+    """
+    out = frames.copy()
+    out[:, 3] = wrap_angle(frames[:, 3] + turned)
+    turn = np.column_stack([np.zeros((len(out), 3)), out[:, 3]])
+    out[:, :3] -= apply_frames(turn, scale[:, None] * last_own)
+    return out
+
+
+def errors_about_own(frames: Array, scale: Array, last_own: Array) -> Array:
+    """(k, 4, 6) derivatives of `about_own` by x, y, z, yaw of the last keyframe, its log scale, the reference's."""
+    out = np.zeros((len(frames), 4, 6))
+    out[:, :, :4] = np.eye(4)
+    turn = np.column_stack([np.zeros((len(frames), 3)), frames[:, 3]])
+    arm = apply_frames(turn, scale[:, None] * last_own)
+    out[:, 0, 3], out[:, 1, 3] = arm[:, 1], -arm[:, 0]
+    out[:, :3, 4] = -arm
+    return out

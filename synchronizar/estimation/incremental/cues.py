@@ -1,0 +1,114 @@
+"""Which way a user should walk for its place to be known soonest: what ranges there would add to what is known.
+
+Ranges along a straight walk are put to the covariance as they would be measured, in each of some directions, and the
+one after which the user would be nearest to being registered is told.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.estimation.hypotheses import Placement
+from synchronizar.estimation.integrity import nearness
+from synchronizar.parameters import Model
+
+_DIRECTIONS = 16
+_LENGTHS = (1.0, 2.0, 3.0)  # m
+_SPACING = 0.5  # m: ranges closer than this share their reflections
+_ENOUGH = 0.8  # of what the longest walk would gain
+_LEAST_GAIN = 0.01  # of nearness: less is not worth a walk
+_WALKING = 0.2  # m/s
+
+
+class Cue(NamedTuple):
+    """A walk that would tell most."""
+
+    direction: float
+    """rad, in the common frame."""
+    length: float
+    """m."""
+    sentence: str
+
+
+def cue_of(
+    best: Placement,
+    user: int,
+    here: Array,
+    others: Array,
+    velocity: Array,
+    corners: Array,
+    names: list[str],
+    before: Cue | None,
+    model: Model,
+) -> Cue | None:
+    """None where no walk of a few metres would help.
+
+    `here` (3,) m and `velocity` (2,) m/s of the user in the common frame, `others` (k, 3) where those are to whom it
+    ranges, `names` theirs; `corners` (c, 3) bound its walk about its last keyframe. The way
+    that was told `before` is told again while it is nearly as good.
+    """
+    phi = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
+    now = nearness(best, user, False, corners, model)
+    gain = np.array([[_after(best, user, here, others, a, n, corners, model) - now for n in _LENGTHS] for a in phi])
+    way = int(np.argmax(gain[:, -1]))
+    if before is not None:
+        same = int(np.argmin(np.abs(_degrees(np.asarray(phi - before.direction, dtype=float)))))
+        way = same if gain[same, -1] >= _ENOUGH * gain[way, -1] else way
+    if not len(others) or now >= 1.0 or gain[way, -1] < _LEAST_GAIN:
+        return None
+    length = _LENGTHS[int(np.argmax(gain[way] >= _ENOUGH * gain[way, -1]))]
+    direction = float(phi[way])
+    return Cue(direction, length, f"walk {length:.0f} m {_towards(direction, here, others, velocity, names)}")
+
+
+def _after(
+    best: Placement, user: int, here: Array, others: Array, phi: float, length: float, corners: Array, model: Model
+) -> float:
+    """How near to being registered the user is after a straight walk."""
+    steps = np.arange(_SPACING, length + 0.5 * _SPACING, _SPACING)
+    away = steps[:, None] * np.array([np.cos(phi), np.sin(phi), 0.0])
+    lines = (here + away)[:, None] - others[None]
+    lines /= np.maximum(np.linalg.norm(lines, axis=2, keepdims=True), 1e-6)
+    turned = np.stack([-away[:, 1], away[:, 0]], axis=1)
+    rows = np.concatenate([lines, (lines[:, :, :2] * turned[:, None]).sum(axis=2, keepdims=True)], axis=2).reshape(
+        -1, 4
+    )
+    covariance = best.covariances[user]
+    # By the matrix inversion lemma, for a covariance may be all but singular.
+    gain = covariance @ rows.T
+    innovation = rows @ gain + (model.range_sigma**2 + model.multipath_sigma**2) * np.eye(len(rows))
+    covariances = best.covariances.copy()
+    covariances[user] = covariance - gain @ np.linalg.solve(innovation, gain.T)
+    return nearness(best._replace(covariances=covariances), user, False, corners, model)
+
+
+def _towards(direction: float, here: Array, others: Array, velocity: Array, names: list[str]) -> str:
+    """In the words of who walks, or beside the nearest of the others."""
+    if np.hypot(*velocity) > _WALKING:
+        turn = float(_degrees(direction - np.arctan2(velocity[1], velocity[0])))
+        if abs(turn) <= 30.0:
+            return "straight on"
+        if abs(turn) >= 150.0:
+            return "back"
+        side = "left" if turn > 0.0 else "right"
+        return (
+            f"to your {side}"
+            if 60.0 <= abs(turn) <= 120.0
+            else f"{'ahead' if abs(turn) < 60.0 else 'back'} to your {side}"
+        )
+    nearest = int(np.argmin(np.linalg.norm(others - here, axis=1)))
+    to = others[nearest] - here
+    turn = float(_degrees(direction - np.arctan2(to[1], to[0])))
+    if abs(turn) <= 45.0:
+        return f"towards {names[nearest]}"
+    if abs(turn) >= 135.0:
+        return f"away from {names[nearest]}"
+    return f"to the {'left' if turn > 0.0 else 'right'}, as you look at {names[nearest]}"
+
+
+def _degrees(angle: Array) -> Array:
+    """-180 .. 180."""
+    return np.asarray((np.degrees(angle) + 180.0) % 360.0 - 180.0)

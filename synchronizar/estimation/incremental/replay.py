@@ -1,0 +1,151 @@
+"""A recording played back as it would have come: each pose and each range at its own time, nothing ahead of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
+from time import perf_counter
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.data.ranges import Ranges
+from synchronizar.data.recording import Recording
+from synchronizar.data.registration import RangeVerdicts, Registration
+from synchronizar.data.track import Track
+from synchronizar.data.updates import Replay, Update, UserUpdate
+from synchronizar.estimation.incremental.estimator import Estimator
+from synchronizar.estimation.register import reference_of, register, registration_of
+from synchronizar.parameters import Model
+
+A_SECOND = 10
+"""Updates, at most."""
+_OPTIONAL = tuple(f.name for f in fields(Ranges) if f.name not in ("t", "a", "b", "distance"))
+
+
+def replay(
+    recording: Recording,
+    reference: str | None = None,
+    model: Model | None = None,
+    told: Callable[[Update], None] | None = None,
+) -> Replay:
+    """Play a recording; `told` hears each update as it is known. Raises InputError as `register` does."""
+    model = model or Model()
+    began = perf_counter()
+    ref = reference_of(recording, reference, model)
+    estimator = Estimator(recording.users, recording.users[ref].name, model)
+    rows: dict[str, list[Array]] = {name: [] for name in recording.tracks}
+    updates: list[Update] = []
+    known = _Known(estimator, recording)
+    names = [user.name for user in recording.users]
+    columns = {f.name: getattr(recording.ranges, f.name).tolist() for f in fields(Ranges)}
+    tick: int | None = None
+
+    def tell(advance: Callable[[float], list[str]]) -> None:
+        if tick is not None:
+            updates.append(known.update((tick + 1) / A_SECOND, advance))
+            if told is not None:
+                told(updates[-1])
+
+    for t, user, row in in_time(recording):
+        if tick is not None and t >= (tick + 1) / A_SECOND:
+            tell(estimator.advance)
+            tick = None
+        if user < 0:
+            optional = {name: columns[name][row] for name in _OPTIONAL if columns[name][row] == columns[name][row]}
+            a, b = names[columns["a"][row]], names[columns["b"][row]]
+            estimator.add_range(t, a, b, columns["distance"][row], **optional)
+            known.rows.append(row)
+            tick = int(np.floor(t * A_SECOND))
+            continue
+        track = recording.tracks[names[user]]
+        position, quat = track.position[row], track.quat_xyzw[row]
+        estimator.add_pose(names[user], t, position, quat)
+        if estimator.solution is not None and estimator.is_registered(user):
+            place, attitude = estimator.solution.pose(user, position, quat)
+            rows[names[user]].append(np.concatenate([[t], place, attitude]))
+    tell(estimator.complete)
+    tracks = {name: _track(np.array(of_user)) for name, of_user in rows.items() if of_user}
+    seconds = {"load": 0.0, "initialise": 0.0, "solve": perf_counter() - began}
+    return Replay(updates, tracks, known.registration(tracks, seconds))
+
+
+class _Known:
+    """What an estimator has told so far."""
+
+    def __init__(self, estimator: Estimator, recording: Recording) -> None:
+        self.estimator, self.recording = estimator, recording
+        self.rows: list[int] = []
+        n = len(recording.ranges)
+        self._usable, self._used = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        self._weight, self._residual = np.zeros(n), np.full(n, np.nan)
+        self._covariances: list[Array | None] = [None] * len(recording.users)
+
+    def update(self, t: float, advance: Callable[[float], list[str]]) -> Update:
+        """Go on to a moment, and tell."""
+        estimator, before, began = self.estimator, self.estimator.solution, perf_counter()
+        events = advance(t)
+        seconds = perf_counter() - began
+        if estimator.solution is not None and estimator.solution is not before:
+            self._read()
+        users = {}
+        for u, user in enumerate(self.recording.users):
+            frame, cue = estimator.frame(u), estimator.cue(u)
+            covariance = None if frame is None else self._covariances[u]
+            users[user.name] = UserUpdate(
+                estimator.state(u),
+                frame,
+                covariance,
+                estimator.progress(u),
+                user.static,
+                None if cue is None else cue.sentence,
+            )
+        return Update(t, seconds, users, events)
+
+    def _read(self) -> None:
+        """The verdicts of a new solution."""
+        solution, outcome = self.estimator.solution, self.estimator.outcome()
+        assert solution is not None
+        told = outcome.covariances.copy()
+        static = [u.static for u in self.recording.users]
+        told[static, 3, :] = told[static, :, 3] = np.nan
+        self._covariances = list(told)
+        at = np.array(self.rows)[solution.stretch.serial[outcome.samples.row]]
+        self._usable[at], self._used[at] = True, outcome.honest > 0.5
+        self._weight[at], self._residual[at] = outcome.weight, outcome.residual
+
+    def registration(self, tracks: dict[str, Track], seconds: dict[str, float]) -> Registration:
+        """At the end, about each user's last pose."""
+        ranges = RangeVerdicts(self._usable, self._used, self._weight, self._residual)
+        estimator = self.estimator
+        if estimator.solution is None:
+            nothing = replace(
+                self.recording, ranges=self.recording.ranges.select(np.zeros(len(self._used), dtype=bool))
+            )
+            return replace(register(nothing, self.recording.users[estimator.reference].name), ranges=ranges)
+        told = registration_of(self.recording, estimator.outcome(), estimator.reference, "full", ranges, seconds)
+        users = {
+            name: replace(user, common_from_user=estimator.frame(u), common_track=tracks.get(name))
+            for u, (name, user) in enumerate(told.users.items())
+        }
+        return replace(told, users=users)
+
+
+def in_time(recording: Recording) -> Iterator[tuple[float, int, int]]:
+    """When, whose pose (-1: a range), and which row; of the same time poses first."""
+    whose = [np.full(len(recording.ranges), -1)]
+    t, row = [recording.ranges.t], [np.arange(len(recording.ranges))]
+    for u, user in enumerate(recording.users):
+        if not user.static:
+            track = recording.tracks[user.name]
+            t.append(track.t)
+            whose.append(np.full(len(track), u))
+            row.append(np.arange(len(track)))
+    stamps, user_of, row_of = np.concatenate(t), np.concatenate(whose), np.concatenate(row)
+    order = np.lexsort([user_of == -1, stamps])
+    return zip(stamps[order].tolist(), user_of[order].tolist(), row_of[order].tolist(), strict=True)
+
+
+def _track(rows: Array) -> Track:
+    quat = rows[:, 4:] / np.linalg.norm(rows[:, 4:], axis=1, keepdims=True)
+    return Track(rows[:, 0], rows[:, 1:4], quat)

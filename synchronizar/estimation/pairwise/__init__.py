@@ -1,0 +1,1 @@
+"""The method of SynchronizAR (Huo et al., UIST 2018), as a baseline."""

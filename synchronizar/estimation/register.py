@@ -1,0 +1,157 @@
+"""The main job: a recording in, everybody's frame out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.data.recording import Recording
+from synchronizar.data.registration import (
+    Alternative,
+    DeviceSigma,
+    RangeVerdicts,
+    Registration,
+    State,
+    UserRegistration,
+)
+from synchronizar.errors import InputError
+from synchronizar.estimation.full import register_full
+from synchronizar.estimation.outcome import Outcome
+from synchronizar.estimation.rigid import register_rigid
+from synchronizar.geometry import YawFrame
+from synchronizar.graph.states import BIAS, CLOCK
+from synchronizar.parameters import Model
+
+
+def register(
+    recording: Recording,
+    reference: str | None = None,
+    model: Model | None = None,
+    kind: Literal["full", "rigid"] = "full",
+) -> Registration:
+    """Where every user's frame lies in the reference's, how sure that is, and which ranges it rests on.
+
+    `kind` full: SLAM may drift, jump, have a wrong scale and clock, radios a bias. rigid: SLAM is trusted, one frame
+    per user and nothing else. Raises InputError where `reference` is nobody or a radio that stands still, or where
+    nobody can be the reference. What cannot be answered is told as a state.
+    """
+    model = model or Model()
+    began = perf_counter()
+    ref = reference_of(recording, reference, model)
+    outcome = (register_full if kind == "full" else register_rigid)(recording, ref, model)
+    seconds = {"load": 0.0, "initialise": outcome.searched - began, "solve": perf_counter() - outcome.searched}
+    return registration_of(recording, outcome, ref, kind, _range_verdicts(recording, outcome), seconds)
+
+
+def registration_of(
+    recording: Recording,
+    outcome: Outcome,
+    reference: int,
+    kind: str,
+    ranges: RangeVerdicts,
+    seconds: Mapping[str, float],
+) -> Registration:
+    """An outcome as it is told."""
+    return Registration(
+        reference=recording.users[reference].name,
+        model=kind,
+        method="joint",
+        users={user.name: _user(recording, outcome, u) for u, user in enumerate(recording.users)},
+        alternatives=_alternatives(recording, outcome),
+        ranges=ranges,
+        seconds=seconds,
+        joint_covariance=_joint(recording, outcome),
+    )
+
+
+def reference_of(recording: Recording, name: str | None, model: Model) -> int:
+    """Whose frame the common one is: a user of that name, or the first by name that moves. InputError if nobody."""
+    if name is None:
+        moving = [u for u, user in enumerate(recording.users) if not user.static]
+        if not moving:
+            raise InputError("recording.toml", "every user is a static radio: nobody has a frame to be the common one")
+        far = [u for u in moving if recording.tracks[recording.users[u].name].extent() > model.moving]
+        return (far or moving)[0]
+    try:
+        user = recording.index(name)
+    except KeyError:
+        raise InputError("--reference", f"there is no user '{name}'") from None
+    if recording.users[user].static:
+        raise InputError("--reference", f"'{name}' is a static radio: it has no heading for the common frame")
+    return user
+
+
+def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
+    user, said, jumps = recording.users[u], outcome.said[u], outcome.jumps.get(recording.users[u].name, ())
+    if said is None:
+        reason = "no chain of ranges ties it to the reference"
+        return UserRegistration(user.name, State.DISCONNECTED, reason, None, None, user.static, jumps=jumps)
+    covariance = outcome.covariances[u].copy()
+    if user.static:
+        covariance[3, :] = covariance[:, 3] = np.nan
+    unseen = None if said.unseen_direction is None else outcome.errors[u] @ said.unseen_direction
+    device, sigma = outcome.device, outcome.device_sigma
+    bias, clock = (0.0, 0.0) if device is None else (float(device[u, BIAS]), float(device[u, CLOCK]))
+    return UserRegistration(
+        user.name,
+        said.state,
+        said.reason,
+        _frame(outcome, u, 0),
+        covariance,
+        user.static,
+        None if unseen is None else unseen / np.linalg.norm(unseen),
+        said.prior_dominated,
+        bias,
+        None if user.static and device is not None else clock,
+        None if sigma is None else DeviceSigma(*sigma[u].tolist()),
+        _noise(outcome, u),
+        jumps,
+        outcome.tracks.get(user.name),
+    )
+
+
+def _joint(recording: Recording, outcome: Outcome) -> Array | None:
+    if outcome.joint is None:
+        return None
+    out = outcome.joint.copy()
+    for u, user in enumerate(recording.users):
+        if user.static:
+            out[u, 3] = out[:, :, u, 3] = np.nan
+    return out
+
+
+def _noise(outcome: Outcome, user: int) -> tuple[float, float] | None:
+    noise = outcome.slam_noise
+    return None if noise is None or np.isnan(noise[user, 0]) else (float(noise[user, 0]), float(noise[user, 1]))
+
+
+def _frame(outcome: Outcome, user: int, placement: int) -> YawFrame:
+    x, y, z, yaw = outcome.frames[placement][user].tolist()
+    return YawFrame(x, y, z, yaw, float(outcome.scale[user]))
+
+
+def _alternatives(recording: Recording, outcome: Outcome) -> tuple[Alternative, ...]:
+    if len(outcome.frames) < 2:
+        return ()
+    return tuple(
+        Alternative(
+            max(cost - outcome.costs[0], 0.0),
+            {user.name: _frame(outcome, u, n) for u, user in enumerate(recording.users) if not np.isnan(frames[u, 0])},
+        )
+        for n, (cost, frames) in enumerate(zip(outcome.costs, outcome.frames, strict=True))
+    )
+
+
+def _range_verdicts(recording: Recording, outcome: Outcome) -> RangeVerdicts:
+    n, row = len(recording.ranges), outcome.samples.row
+    usable, used = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    weight, residual = np.zeros(n), np.full(n, np.nan)
+    usable[row] = True
+    used[row] = outcome.honest > 0.5
+    weight[row] = outcome.weight
+    residual[row] = outcome.residual
+    return RangeVerdicts(usable, used, weight, residual)

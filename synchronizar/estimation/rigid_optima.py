@@ -1,0 +1,136 @@
+"""All users at once: every joint placement that explains the ranges, each settled in one graph.
+
+Which ranges are late and where the users are is found in turn, each given the other (expectation maximisation), and so
+from every start that could lead elsewhere: all placements that the search finds; where signals are late, those that it
+finds in parts of the walk as well, since a part may be free of the burst that misleads the whole; and mirror images,
+which users that walk a line, or on the level, cannot tell from themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.estimation.hypotheses import SAME
+from synchronizar.estimation.initialisation import Hypothesis, connected, joint_placements
+from synchronizar.estimation.mirror_images import height_mirrors, reflections
+from synchronizar.geometry import difference
+from synchronizar.graph.optimization import Values, levenberg_marquardt
+from synchronizar.graph.rigid_graph import RigidGraph
+from synchronizar.parameters import Model
+from synchronizar.preprocessing.range_measurements import Samples
+
+_GAIN = 5e-3  # of log likelihood, in units of 1: a step that gains less changes nothing that could be measured
+_HOPELESS = 50.0  # of log likelihood: more than further rounds may gain
+_NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
+_TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
+_MOST_ROUNDS = 10
+_PIECES = 12  # that a walk is cut into to draw parts of it
+
+
+class Settled(NamedTuple):
+    """A joint placement at a minimum of the cost."""
+
+    frames: Array
+    """(k, 4) x, y, z, yaw: common_from_user; NaN where it is not placed."""
+    cost: float
+    """Negative log likelihood, up to a constant that all placements share."""
+    graph: RigidGraph
+    """The graph whose minimum it is, late bursts judged."""
+    values: Values
+
+
+def solve(
+    samples: Samples, graph: RigidGraph, placed: list[int], starts: list[Hypothesis], model: Model
+) -> list[Settled]:
+    """Every joint placement that explains the ranges, best first; some may be all but the same.
+
+    `starts` are those that the search found in the whole walk.
+    """
+    found = _Minima(graph)
+    for start in starts:
+        found.follow(start.frames)
+    if not graph.free:
+        return found.settled
+    excluded = model.cost_excluded
+    if found.best.graph.rejected(found.best.values) > model.doubtful_share:
+        excluded = model.cost_excluded_late
+        for start in starts:
+            found.follow(start.frames, annealing=model.annealing)
+        for part in _parts(samples, model):
+            if connected(part, len(graph.users), graph.reference) == placed:
+                likely = joint_placements(part, graph.users, placed, graph.reference, model)
+                for start in likely[: model.most_followed]:
+                    found.follow(start.frames)
+    mirrored: Settled | None = None
+    while mirrored is not found.best:  # a mirror image may be better, and have images of its own
+        mirrored = found.best
+        _follow_mirrors(samples, found, mirrored, excluded)
+    return sorted((s for s in found.settled if s.cost <= found.best.cost + excluded), key=_cost)
+
+
+def _cost(settled: Settled) -> float:
+    return settled.cost
+
+
+class _Minima:
+    """The minima found so far."""
+
+    def __init__(self, graph: RigidGraph) -> None:
+        self._graph = graph
+        self.settled: list[Settled] = []
+
+    @property
+    def best(self) -> Settled:
+        return min(self.settled, key=_cost)
+
+    def follow(self, frames: Array, annealing: float = 1.0) -> None:
+        """Add the minimum that `frames` (k, 4) lead to, unless it is known already, or hopelessly above the best."""
+        graph, values = self._graph.about(frames), self._graph.values(frames)
+        if not graph.free:
+            self.settled.append(Settled(frames, 0.0, graph, values))
+            return
+        if annealing > 1.0:
+            values = levenberg_marquardt(graph.factors(annealing), values, 3, _GAIN)
+        hopeless = self.best.cost + _HOPELESS if self.settled else np.inf
+        before = np.inf
+        for k in range(_MOST_ROUNDS):
+            judged, cost = graph.with_bursts(values)
+            if before - cost < _GAIN or (k > 0 and cost > hopeless):
+                break
+            before = cost
+            values = levenberg_marquardt(judged.factors(), values, 20, _GAIN)
+            frames = graph.frames(values)
+            if any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in self.settled):
+                return
+        self.settled.append(Settled(graph.frames(values), cost, judged, values))
+
+
+def _follow_mirrors(samples: Samples, found: _Minima, best: Settled, excluded: float) -> None:
+    graph = best.graph
+    cost = graph.cost(best.values)
+    sigma = np.sqrt(graph.covariances(best.values)[:, 2, 2])
+    heights = graph.other_heights(best.frames, excluded)
+    for frames in height_mirrors(samples, best.frames, graph.reference):
+        if graph.cost(graph.values(frames)) < cost + _HOPELESS:
+            heights.append(frames)
+    for frames in heights:
+        if (np.abs(frames[:, 2] - best.frames[:, 2]) > _TOLD_APART * sigma)[graph.free].any():
+            found.follow(frames)
+    for frames in reflections(samples, best.frames, graph.reference):
+        if graph.cost(graph.values(frames)) < cost + _NATS_A_RANGE * len(samples):
+            found.follow(frames)
+
+
+def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
+    """Random parts of the walk, the same ones each time."""
+    random = np.random.default_rng(0)
+    begin, end = samples.t.min(), samples.t.max()
+    piece = np.minimum((samples.t - begin) / max(end - begin, 1e-9) * _PIECES, _PIECES - 1).astype(int)
+    for _ in range(model.parts):
+        taken = random.permutation(_PIECES) < random.uniform(model.least_part, model.largest_part) * _PIECES
+        if taken[piece].any():
+            yield samples[taken[piece]]

@@ -1,0 +1,1 @@
+"""Factor graphs: the one place where gtsam is used."""

@@ -1,0 +1,255 @@
+"""Samples and model -> gtsam graph and values; the only place that hands out keys."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from synchronizar._core import Late, RangeBlock, UserPose, judge_bursts, search_heights
+from synchronizar.arrays import Array
+from synchronizar.data.user import User
+from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
+from synchronizar.parameters import Model
+from synchronizar.preprocessing.range_measurements import Pair, Samples, pairs
+
+_LEVEL = gtsam.symbol("L", 0)  # double (m): the height that all origins lie about
+
+
+def keys_of(user: int) -> UserKeys:
+    """The frame and height of a user, where its SLAM poses are trusted as they are."""
+    return UserKeys(gtsam.symbol("F", user), gtsam.symbol("H", user))
+
+
+def late_loss(model: Model) -> Late:
+    """The loss of a range under this model."""
+    return Late(model.late_scale, model.early_share / (1.0 - model.early_share))
+
+
+def height_sigma_of(user: User, model: Model) -> float:
+    """How far the user's origin may lie above or below the others' (m, 1 sigma)."""
+    if user.height_sigma is not None:
+        return user.height_sigma
+    return model.static_height_sigma if user.static else model.height_sigma
+
+
+class PairBlock(NamedTuple):
+    """All samples of a pair, ready for the core."""
+
+    pair: Pair
+    t: Array
+    sigma: Array
+    late_odds: Array
+    """(n,) of each range by itself; the block's may be those that its neighbours in time speak for."""
+    block: RangeBlock
+
+
+def blocks_of(samples: Samples) -> list[PairBlock]:
+    """One block for each pair that ranges."""
+    out = []
+    for pair in pairs(samples):
+        s = samples[pair.samples]
+        block = RangeBlock(s.p_i, s.p_j, s.distance, s.sigma, s.late_odds)
+        out.append(PairBlock(pair, s.t, s.sigma, s.late_odds, block))
+    return out
+
+
+def _join(columns: list[Array]) -> Array:
+    return np.concatenate([np.zeros(0), *columns])
+
+
+class RigidGraph:
+    """The paper's own model, all users at once: SLAM is trusted, a frame and a height per user are the unknowns.
+
+    The reference's frame is the common one. Heights have their prior: all origins lie about one level. Places and
+    headings have one about where the search put them, so wide that it says nothing, but keeps the system solvable where
+    the ranges do not.
+    """
+
+    def __init__(
+        self, blocks: list[PairBlock], users: tuple[User, ...], placed: list[int], reference: int, model: Model
+    ):
+        """`placed` are the indices of the users that take part, the reference among them."""
+        self.users = users
+        self.free = [u for u in placed if u != reference]
+        self.reference = reference
+        self.blocks = blocks
+        self._model = model
+        self._loss = late_loss(model)
+        # Every origin lies about one level, which is not known either: two that are alike lie one height_sigma apart.
+        self._from_level = np.array([height_sigma_of(user, model) for user in users]) / np.sqrt(2.0)
+        self._priors = self._priors_about(np.zeros((len(users), 4)))
+
+    def about(self, frames: Array) -> RigidGraph:
+        """The same graph, the wide priors of places and headings centred on frames (k, 4)."""
+        out = copy(self)
+        out._priors = self._priors_about(frames)
+        return out
+
+    def _priors_about(self, frames: Array) -> gtsam.NonlinearFactorGraph:
+        m = self._model
+        priors = gtsam.NonlinearFactorGraph()
+        wide = gtsam.noiseModel.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, m.yaw_sigma]))
+        for u in self.free:
+            x, y, _, yaw = frames[u].tolist()
+            priors.addPriorPose2(keys_of(u).frame, gtsam.Pose2(x, y, yaw), wide)
+            about_level = gtsam.noiseModel.Isotropic.Sigma(1, self._from_level[u])
+            priors.add(gtsam.BetweenFactorDouble(_LEVEL, keys_of(u).height, 0.0, about_level))
+        if self.free:
+            about_level = gtsam.noiseModel.Isotropic.Sigma(1, self._from_level[self.reference])
+            priors.addPriorDouble(_LEVEL, 0.0, about_level)
+        return priors
+
+    def prior_variances(self, user: int) -> Array:
+        """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
+        m = self._model
+        height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
+        return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
+
+    def covariances(self, values: gtsam.Values, factors: gtsam.NonlinearFactorGraph | None = None) -> Array:
+        """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), from the joint marginals.
+
+        Zero for the reference, which is exact by definition; NaN for users that are not placed.
+        """
+        out = np.full((len(self.users), 4, 4), np.nan)
+        out[self.reference] = 0.0
+        if not self.free:
+            return out
+        ordering = gtsam.Ordering()
+        for u in self.free:
+            ordering.push_back(keys_of(u).frame)
+            ordering.push_back(keys_of(u).height)
+        ordering.push_back(_LEVEL)
+        jacobian, _ = (factors or self.factors()).linearize(values).jacobian(ordering)
+        # gtsam.Marginals factorises the normal equations as they are, and gives up where headings are hardly seen.
+        # Columns of unit length, and a QR that never squares them, do not.
+        scale = np.linalg.norm(jacobian, axis=0)
+        root = np.linalg.inv(np.linalg.qr(jacobian / scale, mode="r")) / scale[:, None]
+        # The factors leave out what could make them indefinite; a covariance needs it: between two heights that are as
+        # good, the cost is flatter than their own curvature says. To a tenth at the least, for it is not flat for ever.
+        flattened, vectors = np.linalg.eigh(np.eye(len(root)) + root.T @ self._negative_bending(values) @ root)
+        root = root @ vectors / np.sqrt(np.maximum(flattened, 0.1))
+        for k, u in enumerate(self.free):
+            rows = root[4 * k : 4 * k + 4]
+            # Pose2's tangent is (v in its own axes, yaw), then the height: turned and put in order.
+            yaw = values.atPose2(keys_of(u).frame).theta()
+            c, s = np.cos(yaw), np.sin(yaw)
+            common_from_body = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]])
+            out[u] = common_from_body @ rows @ rows.T @ common_from_body.T
+        return out
+
+    def _negative_bending(self, values: gtsam.Values) -> Array:
+        """What of the cost's second derivatives in heights is below 0, in the order of `covariances`."""
+        column = {u: 4 * k + 3 for k, u in enumerate(self.free)}
+        out = np.zeros((4 * len(self.free) + 1, 4 * len(self.free) + 1))
+        for b in self.blocks:
+            bending = min(b.block.height_bending(*self._ends(b, values), self._loss), 0.0)
+            row = np.zeros(len(out))
+            for user, sign in ((b.pair.i, 1.0), (b.pair.j, -1.0)):
+                if user in column:
+                    row[column[user]] = sign
+            out += bending * np.outer(row, row)
+        return out
+
+    def with_bursts(self, values: gtsam.Values) -> tuple[RigidGraph, float]:
+        """The same graph, each range's odds of being late now those that its neighbours in time speak for.
+
+        And the cost of these values, bursts considered: the negative log likelihood of all ranges, and the priors'.
+        """
+        blocks, cost = [], 0.0
+        for b in self.blocks:
+            whitened = b.block.residuals(*self._ends(b, values)) / b.sigma
+            odds, chain_cost = judge_bursts(
+                b.t, whitened, b.sigma, b.late_odds, self._loss, self._model.late_share, self._model.late_duration
+            )
+            blocks.append(b._replace(block=b.block.with_late_odds(odds)))
+            cost += chain_cost
+        out = copy(self)
+        out.blocks = blocks
+        return out, cost + float(self._priors.error(values))
+
+    def other_heights(self, frames: Array, excluded: float) -> list[Array]:
+        """Joint placements (k, 4) that differ from `frames` in heights alone and explain the ranges.
+
+        Their cost is at most `excluded` above the best one's.
+        """
+        pairs = [(b.pair.i, b.pair.j, b.block) for b in self.blocks]
+        found = search_heights(
+            np.nan_to_num(frames),
+            self._from_level,
+            np.isin(np.arange(len(frames)), self.free),
+            pairs,
+            self._loss,
+            excluded,
+            self._model.most_hypotheses,
+        )
+        return [np.column_stack([frames[:, :2], heights + 0.0 * frames[:, 2], frames[:, 3]]) for heights, _ in found]
+
+    def cost(self, values: gtsam.Values) -> float:
+        """The sum of all losses and priors, each range by itself."""
+        ranges = sum(b.block.cost(*self._ends(b, values), self._loss) for b in self.blocks)
+        return ranges + float(self._priors.error(values))
+
+    def honest(self, values: gtsam.Values) -> Array:
+        """The probability that each range is honest (n,), in the order of the samples."""
+        return _join([b.block.honest(*self._ends(b, values), self._loss) for b in self.blocks])
+
+    def rejected(self, values: gtsam.Values) -> float:
+        """The share of the ranges that are more likely late, or garbage, than honest."""
+        return float((self.honest(values) < 0.5).mean())
+
+    def residuals(self, values: gtsam.Values) -> Array:
+        """Measured minus predicted (n,) m, in the order of the samples."""
+        return -_join([b.block.residuals(*self._ends(b, values)) for b in self.blocks])
+
+    def weights(self, values: gtsam.Values) -> Array:
+        """The weight (n,) that the loss gives each range, without 1 / sigma^2, in the order of the samples."""
+        return _join([b.block.weights(*self._ends(b, values), self._loss) for b in self.blocks])
+
+    def _ends(self, b: PairBlock, values: gtsam.Values) -> tuple[UserPose, UserPose]:
+        return self.place(b.pair.i).read(values), self.place(b.pair.j).read(values)
+
+    def place(self, user: int) -> UserKeys | FixedUser:
+        """What a factor is told of a user: its keys, or that it is the reference, which is held."""
+        return FixedUser(UserPose()) if user == self.reference else keys_of(user)
+
+    def priors(self) -> gtsam.NonlinearFactorGraph:
+        """Those of places, headings and heights."""
+        return gtsam.NonlinearFactorGraph(self._priors)
+
+    def factors(self, annealing: float = 1.0) -> gtsam.NonlinearFactorGraph:
+        """Priors, and one factor for each pair that ranges."""
+        graph = self.priors()
+        for b in self.blocks:
+            graph.add(RangeBlockFactor(self.place(b.pair.i), self.place(b.pair.j), b.block, self._loss, annealing))
+        return graph
+
+    def values(self, frames: Array) -> gtsam.Values:
+        """Values at frames (k, 4): x, y, z, yaw of every user; those that are not placed are left out."""
+        values = gtsam.Values()
+        for u in self.free:
+            x, y, z, yaw = frames[u].tolist()
+            keys = keys_of(u)
+            values.insert(keys.frame, gtsam.Pose2(x, y, yaw))
+            values.insert(keys.height, z)
+        if self.free:
+            values.insert(_LEVEL, self._level(frames))
+        return values
+
+    def _level(self, frames: Array) -> float:
+        """The most likely level at these heights."""
+        everybody = [self.reference, *self.free]
+        weight = self._from_level[everybody] ** -2
+        return float(weight @ frames[everybody, 2] / weight.sum())
+
+    def frames(self, values: gtsam.Values) -> Array:
+        """Frames (k, 4) at these values: x, y, z, yaw; NaN for users that are not placed."""
+        frames = np.full((len(self.users), 4), np.nan)
+        frames[self.reference] = 0.0
+        for u in self.free:
+            keys = keys_of(u)
+            pose = values.atPose2(keys.frame)
+            frames[u] = pose.x(), pose.y(), values.atDouble(keys.height), pose.theta()
+        return frames

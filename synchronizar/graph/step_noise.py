@@ -1,0 +1,116 @@
+"""How good each device's SLAM is: the noise of its steps, where the ranges tell.
+
+Expectation maximisation (Shumway and Stoffer, J. Time Series Analysis 3, 1982): a step's expected square is that of the
+most likely one plus its posterior variance, in the graph as it is linearised at some walks. Steps count as
+Gaussian here, slips left out: with the weights of Student's t, as which the graph has them, ordinary steps would
+pass for better than they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+
+from synchronizar.arrays import Array, Indices
+from synchronizar.graph import keys
+from synchronizar.graph.pose_graph import AnchoredGraph, Judgement
+from synchronizar.graph.states import Walks, steps
+
+PLACE, HEADING = range(2)
+"""Columns of the noise."""
+
+_OF_ROW = [PLACE, PLACE, HEADING]
+_SLIP = 5.0  # sigmas of a step: no ordinary one is as long
+_ROUNDS = 10
+_MOST_KEYFRAMES = 400  # that are looked at together: of a longer walk its middle speaks for the whole
+
+
+def step_noise(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Array:
+    """(k, 2): how many times as noisy as the model says each user's steps are, in place and in heading.
+
+    1 where the ranges do not tell: the model counts as much as `drift_weight` steps.
+    """
+    users = len(graph.users)
+    middle = _middle(list(graph.keyframe_keys(set())))
+    ordinary = [_ordinary(graph, walks, u) for u in range(users)]
+    weights = [np.where(o, 1.0, w) for o, w in zip(ordinary, judgement.step_weight, strict=True)]
+    counted, whose = gtsam.NonlinearFactorGraph(), []
+    for u in graph.placed:
+        of_user = gtsam.NonlinearFactorGraph()
+        graph.add_steps(of_user, u, weights[u])
+        # Each step is two factors: in the plane, and in height.
+        for n in np.flatnonzero(ordinary[u]).tolist():
+            if all(key in middle for key in of_user.at(2 * n).keys()):  # noqa: SIM118 - gtsam's, no mapping
+                counted.push_back(of_user.at(2 * n))
+                whose.append(u)
+    if not whose:
+        return np.ones((users, 2))
+
+    columns, values = [*middle, *graph.shared_keys()], graph.values(walks)
+    rows, wanted = _dense(counted.linearize(values), columns)
+    linear = graph.factors(walks.frames, replace(judgement, step_weight=weights)).linearize(values)
+    others = keys.ordering(list(graph.keyframe_keys(set(columns))))
+    if others.size():
+        _, linear = linear.eliminatePartialSequential(others)
+    information, slope = linear.hessian(keys.ordering(columns))
+    return most_likely_noise(
+        information - rows.T @ rows,
+        slope - rows.T @ wanted,
+        rows.reshape(len(whose), 3, -1),
+        wanted.reshape(len(whose), 3),
+        np.array(whose, dtype=np.int32),
+        users,
+        graph.model.drift_weight,
+    )
+
+
+def most_likely_noise(
+    information: Array, slope: Array, rows: Array, wanted: Array, whose: Indices, users: int, weight: float
+) -> Array:
+    """(k, 2): by how much to multiply each user's sigmas in place and in heading.
+
+    Of variables d, all but the steps say 0.5 d' information d - slope' d; step n has the residual rows[n] d - wanted[n]
+    (3,): x, y and heading in units of its sigma. `weight` steps of just that sigma are thrown in.
+    """
+    noise = np.ones((users, 2))
+    count = np.bincount(whose, minlength=users)
+    flat = rows.reshape(-1, rows.shape[-1])
+    for _ in range(_ROUNDS):
+        precision = noise[whose][:, _OF_ROW].ravel() ** -2
+        covariance = np.linalg.inv(information + flat.T @ (flat * precision[:, None]))
+        step = covariance @ (slope + flat.T @ (precision * wanted.ravel()))
+        square = (flat @ step - wanted.ravel()) ** 2 + ((flat @ covariance) * flat).sum(axis=1)
+        x, y, heading = (np.bincount(whose, s, users) for s in square.reshape(-1, 3).T)
+        noise[:, PLACE] = np.sqrt((2.0 * weight + x + y) / (2.0 * (weight + count)))
+        noise[:, HEADING] = np.sqrt((weight + heading) / (weight + count))
+    return noise
+
+
+def _ordinary(graph: AnchoredGraph, walks: Walks, user: int) -> Array:
+    """(m - 1,) whether a step is SLAM's own, and none at which it slipped."""
+    frames = graph.keyframes[user]
+    away = (steps(walks.local[user], frames) ** 2).sum(axis=1)
+    return np.asarray(~frames.rebuilt & (away < _SLIP**2))
+
+
+def _middle(of_keyframes: list[int]) -> dict[int, None]:
+    """So many keys (two a keyframe, in the order of time) as a dense matrix is still quick for."""
+    spare = max(len(of_keyframes) // 2 - _MOST_KEYFRAMES, 0)
+    first = 2 * (spare // 2)
+    return dict.fromkeys(of_keyframes[first : first + 2 * _MOST_KEYFRAMES])
+
+
+def _dense(linear: gtsam.GaussianFactorGraph, columns: list[int]) -> tuple[Array, Array]:
+    """The Jacobian by all `columns`, and the right side; gtsam leaves out those that no factor knows."""
+    there = linear.keys()
+    known = [key for key in columns if there.count(key)]
+    jacobian, wanted = linear.jacobian(keys.ordering(known))
+    spans = keys.rows(columns)
+    at = np.concatenate(
+        [np.arange(s.start, s.stop) for key, s in zip(columns, spans, strict=True) if key in set(known)]
+    )
+    out = np.zeros((len(jacobian), spans[-1].stop))
+    out[:, at] = jacobian
+    return out, np.asarray(wanted)

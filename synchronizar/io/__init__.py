@@ -1,0 +1,1 @@
+"""Bytes to data and back: each format in one file."""

@@ -1,0 +1,66 @@
+"""A recording as a folder: tracks/<user>.tum, ranges.csv and, where there is more to say, recording.toml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from synchronizar.data.recording import Recording
+from synchronizar.data.user import User
+from synchronizar.errors import InputError, os_faults
+from synchronizar.io.ranges_csv import read_ranges_csv, write_ranges_csv
+from synchronizar.io.recording_toml import Settings, read_recording_toml, write_recording_toml
+from synchronizar.io.text import is_name, quoted
+from synchronizar.io.tum import read_tum, write_tum
+
+
+def load_recording(folder: Path) -> Recording:
+    """The recording in a folder. Raises InputError as `Recording.load` does."""
+    toml = folder / "recording.toml"
+    entries = _entries(folder)
+    settings = read_recording_toml(toml) if toml in entries else Settings()
+    files = _track_files(folder / "tracks") if folder / "tracks" in entries else {}
+    users = {name: User(name) for name in files} | dict(settings.users)
+    if not users:
+        raise InputError(folder, "is not a recording: it has no tracks/<user>.tum")
+    for user in users.values():
+        if user.static and user.name in files:
+            raise InputError(files[user.name], f"{user.name} is static in {toml.name} and cannot have a track")
+        if not user.static and user.name not in files:
+            raise InputError(toml, f"{user.name} has no track tracks/{user.name}.tum and is not static")
+    by_name = tuple(users[name] for name in sorted(users))
+    tracks = {name: read_tum(file, settings.up_of_user.get(name, settings.up)) for name, file in files.items()}
+    return Recording(by_name, tracks, read_ranges_csv(folder / "ranges.csv", by_name))
+
+
+def save_recording(recording: Recording, folder: Path) -> None:
+    """Write the folder that `load_recording` reads. Raises InputError as `Recording.save` does."""
+    tracks = folder / "tracks"
+    for user in recording.users:
+        if not is_name(user.name):
+            raise InputError(folder, f"{quoted(user.name)} cannot be the name of a file")
+    with os_faults(tracks):
+        tracks.mkdir(parents=True, exist_ok=True)
+    for name, file in _track_files(tracks).items():
+        if name not in recording.tracks:
+            raise InputError(file, f"stands in the way: {name} has no track in the recording to be saved")
+    for name, track in recording.tracks.items():
+        write_tum(tracks / f"{name}.tum", track)
+    write_ranges_csv(folder / "ranges.csv", recording.ranges, recording.users)
+    write_recording_toml(folder / "recording.toml", recording.users)
+
+
+def _entries(folder: Path) -> list[Path]:
+    """What a folder holds, by name."""
+    with os_faults(folder):
+        return sorted(folder.iterdir())
+
+
+def _track_files(folder: Path) -> dict[str, Path]:
+    """The track of each user, by name; hidden files are not tracks."""
+    files = {}
+    for file in _entries(folder):
+        if file.suffix == ".tum" and not file.name.startswith("."):
+            if not is_name(file.stem):
+                raise InputError(folder, f"{quoted(file.stem)} cannot be the name of a user")
+            files[file.stem] = file
+    return files

@@ -1,0 +1,92 @@
+"""Tracks in the TUM format: a pose a line, `t x y z qx qy qz qw`; s, m, the attitude turns body axes into the frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.data.track import Track
+from synchronizar.errors import InputError, os_faults
+from synchronizar.geometry import QUATERNION_Z_UP_FROM_Y_UP, Z_UP_FROM_Y_UP, multiply_quaternions
+from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, is_number, open_text, quoted
+
+Up = Literal["z", "y"]
+COLUMNS = 8
+
+
+def read_tum(path: Path, up: Up = "z") -> Track:
+    """The track in a file whose frame has `up` as its vertical axis; z up when it comes out.
+
+    Blank lines and `#` comments are skipped, stamps sorted; of several poses with one stamp the last one given counts.
+    Quaternions are normalised. Raises InputError where the file cannot be read or a line is not a pose.
+    """
+    rows = _read_rows(path)
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    rows = rows[np.append(rows[1:, 0] != rows[:-1, 0], True)]
+    position, quat_xyzw = rows[:, 1:4], _normalised(rows[:, 4:])
+    if up == "y":
+        position = position @ Z_UP_FROM_Y_UP.T
+        quat_xyzw = multiply_quaternions(QUATERNION_Z_UP_FROM_Y_UP, quat_xyzw)
+    return Track(rows[:, 0], position, quat_xyzw)
+
+
+def write_tum(path: Path, track: Track) -> None:
+    """Write a track, z up, to a nanosecond and a nanometre. Raises InputError where the file cannot be written."""
+    with os_faults(path):
+        np.savetxt(path, np.column_stack([track.t, track.position, track.quat_xyzw]), fmt="%.9f")
+
+
+def _read_rows(path: Path) -> Array:
+    """(n, 8) finite numbers of sensible size in the order of the file, no quaternion of zero length; n > 0."""
+    if next(_data_lines(path), None) is None:
+        raise InputError(path, "has no pose")
+    with os_faults(path), open_text(path) as file:
+        try:
+            rows = np.loadtxt(file, ndmin=2)
+        except ValueError as error:
+            raise _first_malformed(path) from error
+    if rows.shape[1] != COLUMNS:
+        raise _first_malformed(path)
+    for bad, fault in (
+        (~np.isfinite(rows).all(axis=1), "a number is not finite"),
+        (np.abs(rows[:, 0]) > MAX_STAMP, f"the stamp is beyond {MAX_STAMP:g}; stamps are in seconds"),
+        ((np.abs(rows[:, 1:4]) > MAX_LENGTH).any(axis=1), f"the position is beyond {MAX_LENGTH:g} m"),
+        (~rows[:, 4:].any(axis=1), "the quaternion is zero"),
+    ):
+        if bad.any():
+            line, _ = next(islice(_data_lines(path), int(bad.argmax()), None))
+            raise InputError(path, fault, line)
+    return rows
+
+
+def _data_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Number, from 1, and values of each line that has any."""
+    with os_faults(path), open_text(path) as file:
+        for number, line in enumerate(file, start=1):
+            if values := line.partition("#")[0].split():
+                yield number, values
+
+
+def _first_malformed(path: Path) -> InputError:
+    """The first line that is not eight numbers, looked for one by one once reading has failed."""
+    for number, values in _data_lines(path):
+        if len(values) != COLUMNS:
+            return InputError(
+                path, f"a pose has {COLUMNS} numbers, t x y z qx qy qz qw; here are {len(values)}", number
+            )
+        for value in values:
+            if not is_number(value):
+                return InputError(path, f"{quoted(value)} is not a number", number)
+    return InputError(path, "is not a track")
+
+
+def _normalised(quat_xyzw: Array) -> Array:
+    """The same quaternions (n, 4), none of them zero, of unit length; huge and tiny ones do not overflow."""
+    scaled: Array = quat_xyzw / np.abs(quat_xyzw).max(axis=1, keepdims=True)
+    unit: Array = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+    return unit

@@ -1,1 +1,0 @@
-"""The live side: ranges as they come from modules and phones."""

@@ -1,0 +1,1 @@
+"""From a recording to what the solver takes: repaired tracks, keyframes, range measurements."""

@@ -1,0 +1,321 @@
+"""Where a device's SLAM re-localised, found in its own track alone, and the track as if it had not.
+
+A pose that jumps says nothing of how the device moved, but its neighbours do: in body axes velocity and angular rate go
+on, whatever became of SLAM's axes. So the impossible step is rebuilt from them, and all that follows is carried along
+by one rigid map per piece between jumps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices, Mask
+from synchronizar.data.jump import Jump
+from synchronizar.data.track import Track
+from synchronizar.geometry import multiply_quaternions, rotate_by_quaternions, yaw_of_quaternions, yaw_quaternion
+from synchronizar.parameters import Model
+
+_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
+_UP = np.array([0.0, 0.0, 1.0])
+_PASSES = 4  # of the search: each leaves out of the neighbours what the one before has found
+_FEWEST_NEIGHBOURS = 3
+
+
+@dataclass(frozen=True)
+class Mended:
+    """A track without its jumps."""
+
+    track: Track
+    """The same stamps; continuous, level. Begins at SLAM's own place and heading; at its height where that is level."""
+    jumps: tuple[Jump, ...]
+    segment: Indices
+    """(n,) which piece between jumps each pose belongs to; 0 before the first jump."""
+    mended_from_slam: Array
+    """(segments, 4) quaternions x y z w: a mended attitude is this times SLAM's."""
+    level: Mask
+    """(segments,) whether SLAM knew where up was. Where not, its steps are taken for level: they tell no heights."""
+
+
+def mend(track: Track, model: Model) -> Mended:
+    """Find the jumps of a track and rebuild it without them; with none, the very same track comes back."""
+    steps = _steps(track)
+    jumped = np.zeros(len(steps.dt), dtype=bool)
+    if len(track) > 1:
+        jumped = _jumped_by_position(steps, model)
+        jumped |= _jumped_by_attitude(track, steps, jumped, model)
+    segment = np.concatenate([[0], np.cumsum(jumped)]).astype(np.int32)
+    if not jumped.any():
+        return Mended(track, (), segment, _IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
+
+    at = _rows(jumped)
+    unrest = _unrest(_predict(steps, ~jumped, model.jump_neighbours, model).turned)
+    least_tilt = max(model.jump_tilt, model.jump_spread * unrest)
+    continued, way = _continue(track, steps, jumped, least_tilt, model)
+    mended_from_slam, level = _level(track, segment, continued, least_tilt)
+
+    attitude = multiply_quaternions(mended_from_slam[segment], track.quat_xyzw)
+    ways = rotate_by_quaternions(mended_from_slam[segment[:-1]], way)
+    ways[:, 2] *= level[segment[:-1]]
+    position = track.position[0] + np.vstack([np.zeros(3), np.cumsum(ways, axis=0)])
+    first_level = int(np.argmax(level[segment]))
+    position[:, 2] += track.position[first_level, 2] - position[first_level, 2]
+    change = multiply_quaternions(_inverse(continued[1:]), continued[:-1])
+    away = np.linalg.norm(steps.way[at] - way[at], axis=1)
+    jumps = tuple(
+        Jump(float(track.t[k + 1]), int(k) + 1, float(distance), float(turn), float(tilt))
+        for k, distance, turn, tilt in zip(at, away, yaw_of_quaternions(change), _tilt(change), strict=True)
+    )
+    return Mended(Track(track.t, position, _unit(attitude)), jumps, segment, mended_from_slam, level)
+
+
+class _Steps(NamedTuple):
+    """What happens from each of n + 1 poses to the next."""
+
+    begin: Array
+    """(n,) s."""
+    dt: Array
+    """(n,) s."""
+    way: Array
+    """(n, 3) m, SLAM's axes."""
+    twist: Array
+    """(n, 9): velocity in body axes, velocity in SLAM's axes (m/s), angular rate in body axes (rad/s)."""
+
+    @property
+    def stretch(self) -> Array:
+        """(n,) by how much what a usual step tells wrongly of velocity grows over each."""
+        return np.maximum(self.dt / np.median(self.dt), 1.0)
+
+
+class _Prediction(NamedTuple):
+    """What their neighbours say of n steps."""
+
+    twist: Array
+    """(n, 9) as in steps: the mean of both sides' medians."""
+    away: Array
+    """(n,) m: how far the step leads from all that they allow."""
+    turned: Array
+    """(n,) rad: the same of the attitude."""
+
+
+def _steps(track: Track) -> _Steps:
+    q = track.quat_xyzw
+    dt, way = np.diff(track.t), np.diff(track.position, axis=0)
+    unturned = _inverse(q[:-1])
+    body_way = rotate_by_quaternions(unturned, way)
+    turn = _rotation_vector(multiply_quaternions(unturned, q[1:]))
+    return _Steps(track.t[:-1], dt, way, np.column_stack([body_way, way, turn]) / dt[:, None])
+
+
+def _jumped_by_position(steps: _Steps, model: Model) -> Mask:
+    """(n,) which steps lead where no device could have gone.
+
+    A jump must exceed what is worth mending; what acceleration makes of a step that begins and ends with the
+    neighbours' velocity, a dt^2 / 4; and the track's own unrest. A jump that fell between the stamps of a track that
+    was resampled shows in two steps, so beside one that jumped half of either bound is enough.
+    """
+    least = np.maximum(model.jump_least, 0.25 * model.jump_acceleration * steps.dt**2)
+    spread = model.jump_spread * steps.stretch
+    jumped = np.zeros(len(steps.dt), dtype=bool)
+    for _ in range(_PASSES):
+        away = _predict(steps, ~jumped, model.jump_neighbours, model).away
+        unrest = spread * _unrest(away)
+        found = away > np.maximum(least, unrest)
+        beside = np.zeros_like(found)
+        beside[1:] |= found[:-1]
+        beside[:-1] |= found[1:]
+        found |= beside & (away > np.maximum(0.5 * least, unrest))
+        if (found == jumped).all():
+            break
+        jumped = found
+    return jumped
+
+
+def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, model: Model) -> Mask:
+    """(n,) which other steps show that SLAM's axes turned about the device.
+
+    The attitude turns as no device can, and does not come back within a moment; else it was the attitude alone that
+    went wrong. Whether the velocity agrees is asked of these as of every jump.
+    """
+    turned = _predict(steps, ~jumped, model.jump_neighbours, model).turned
+    unrest = model.jump_spread * steps.stretch * _unrest(turned)
+    least = np.maximum(np.maximum(unrest, model.jump_turn), model.jump_rate * steps.dt)
+    candidates = _rows((turned > least) & ~jumped)
+    found = np.zeros_like(jumped)
+    if not len(candidates):
+        return found
+    q = track.quat_xyzw
+    for moment in np.split(candidates, np.flatnonzero(np.diff(steps.begin[candidates]) > model.glitch_duration) + 1):
+        before, after = moment[0], moment[-1] + 1
+        earlier = np.searchsorted(track.t, track.t[before] - model.glitch_duration)
+        later = np.searchsorted(track.t, track.t[after] + model.glitch_duration, side="right")
+        apart = np.append(_angle_between(q[before], q[after:later]), _angle_between(q[after], q[earlier : before + 1]))
+        if apart.min() > 0.5 * turned[moment].max():
+            found[moment] = not _axes_stayed(steps, jumped, moment, model)
+    return found
+
+
+def _predict(steps: _Steps, good: Mask, neighbours: int, model: Model) -> _Prediction:
+    """What so many good steps on either side of it say of each step.
+
+    A device that starts, stops or turns has another velocity on either side, and any in between on the way: only what
+    leads away from the line between both is unpredicted. Bodies that turn go on in body axes, which matters where one
+    side alone tells; attitudes that go wrong leave the velocity in SLAM's axes: the one that explains more counts.
+    """
+    end = steps.begin + steps.dt
+    middle = 0.5 * (steps.begin + end)
+    k, near = np.arange(len(steps.dt)), np.arange(neighbours)
+    rows = np.flatnonzero(good)
+    if not len(rows):
+        return _Prediction(np.zeros_like(steps.twist), np.zeros(len(k)), np.zeros(len(k)))
+    sides = []
+    for index in (np.searchsorted(rows, k)[:, None] - 1 - near, np.searchsorted(rows, k, "right")[:, None] + near):
+        there = rows[np.clip(index, 0, len(rows) - 1)]
+        apart = np.maximum(steps.begin[:, None] - middle[there], middle[there] - end[:, None])
+        valid = (index >= 0) & (index < len(rows)) & (apart <= model.longest_pose_gap)
+        sides.append(_median(steps.twist[there], valid))
+    (before, n_before), (after, n_after) = sides
+    before, after = np.where(n_before[:, None], before, after), np.where(n_after[:, None], after, before)
+
+    body, slam, rate = (_off_the_line(*(a[:, i : i + 3] for a in (steps.twist, before, after))) for i in (0, 3, 6))
+    judged = np.where(n_before + n_after >= _FEWEST_NEIGHBOURS, steps.dt, 0.0)
+    return _Prediction(0.5 * (before + after), judged * np.minimum(body, slam), judged * rate)
+
+
+def _continue(track: Track, steps: _Steps, jumped: Mask, least_tilt: float, model: Model) -> tuple[Array, Array]:
+    """Each piece's axes (segments, 4) in those of the first, and the ways (n, 3) m of all steps with jumps rebuilt.
+
+    A step that jumped is as the two beside it are on average. Jumps that follow one another at once are one event, of
+    which the whole alone says how SLAM's axes turned: not at all where the velocity says so; about the vertical, unless
+    the vertical itself changed beyond noise.
+    """
+    at = _rows(jumped)
+    moved = _predict(steps, ~jumped, 1, model).twist[at] * steps.dt[at, None]
+    q, q_next = track.quat_xyzw[at], track.quat_xyzw[at + 1]
+    turns = multiply_quaternions(multiply_quaternions(q, _quaternion(moved[:, 6:])), _inverse(q_next))
+    rebuilt = rotate_by_quaternions(q, moved[:, :3])
+    axes = np.tile(_IDENTITY, (len(at) + 1, 1))
+    for event in np.split(np.arange(len(at)), np.flatnonzero(np.diff(at) > 1) + 1):
+        turned = _products(turns[event])
+        if _angle(turned[-1]) > model.jump_turn and _axes_stayed(steps, jumped, at[event], model):
+            turned = np.tile(_IDENTITY, (len(event), 1))
+            rebuilt[event] = moved[event, 3:6]
+        elif _tilt(turned[-1]) <= least_tilt:
+            turned = _yaw_quaternions(yaw_of_quaternions(turned))
+        axes[event + 1] = _unit(multiply_quaternions(axes[event[0]], turned))
+    way = steps.way.copy()
+    way[at] = rebuilt
+    return axes, way
+
+
+def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, model: Model) -> bool:
+    """Whether velocity goes on in SLAM's axes over a run of steps, not in the body's: the attitude alone went wrong.
+
+    Velocities are means over half a moment on either side. Where the device hardly moves they do not tell; then the
+    axes turned: SLAM's motion and attitude come from one estimate, and an attitude that goes wrong alone comes back.
+    """
+    before, after = run[0], run[-1]
+    t, half = steps.begin, 0.5 * model.glitch_duration
+    others = np.setdiff1d(np.flatnonzero(jumped), run)
+    first = max(np.searchsorted(t, t[before] - half), others[others < before].max(initial=-1) + 1)
+    last = min(np.searchsorted(t, t[after] + half), others[others > after].min(initial=len(t)))
+    if first == before or last <= after + 1:
+        return False
+    sides = (slice(first, before), slice(after + 1, last))
+    v_before, v_after = (np.average(steps.twist[side, :6], axis=0, weights=steps.dt[side]) for side in sides)
+    body, slam = np.linalg.norm((v_after - v_before).reshape(2, 3), axis=1)
+    return bool(body > model.jump_speed and slam < 0.5 * body)
+
+
+def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> tuple[Array, Mask]:
+    """`mended_from_slam` (segments, 4): axes that are level as a whole, with the heading of the first piece.
+
+    Level is the vertical on which pieces of the longest time in all agree: SLAM that lost gravity finds it again. They
+    keep it as they have it; the others are turned as they are to them. And which (segments,) are the former.
+    """
+    up = rotate_by_quaternions(axes, _UP)
+    begin = np.searchsorted(segment, np.arange(len(axes)))
+    duration = track.t[np.append(begin[1:], len(segment)) - 1] - track.t[begin]
+    agree = up @ up.T >= np.cos(least_tilt)
+    level = int(np.argmax(agree @ duration))
+    untilted = multiply_quaternions(yaw_quaternion(float(yaw_of_quaternions(axes[level]))), _inverse(axes[level]))
+    levelled = multiply_quaternions(untilted, axes)
+    kept = agree[level]
+    return np.where(kept[:, None], _yaw_quaternions(yaw_of_quaternions(levelled)), levelled), kept
+
+
+def _unrest(away: Array) -> float:
+    """What a track's own steps exceed in one of twenty; jumps are rarer, so they do not raise it."""
+    return float(np.quantile(away, 0.95)) if len(away) else 0.0
+
+
+def _median(values: Array, valid: Mask) -> tuple[Array, Indices]:
+    """Medians (n, m) of those rows of (n, k, m) that are valid (n, k), 0 where none is, and how many are (n,)."""
+    count = valid.sum(axis=1)
+    ordered = np.sort(np.where(valid[..., None], values, np.inf), axis=1)
+    rows, middle = np.arange(len(count)), np.maximum(count - 1, 0)
+    low, high = ordered[rows, middle // 2], ordered[rows, np.minimum((middle + 1) // 2, values.shape[1] - 1)]
+    return np.where(count[:, None], 0.5 * (low + high), 0.0), count
+
+
+def _off_the_line(points: Array, a: Array, b: Array) -> Array:
+    """Distances (n,) of points (n, 3) from the segments between a and b (n, 3)."""
+    along = b - a
+    length = np.sum(along**2, axis=1)
+    u = np.divide(np.sum((points - a) * along, axis=1), length, out=np.zeros(len(length)), where=length > 0.0)
+    return np.asarray(np.linalg.norm(points - a - np.clip(u, 0.0, 1.0)[:, None] * along, axis=1))
+
+
+def _rows(which: Mask) -> Indices:
+    return np.flatnonzero(which).astype(np.int32)
+
+
+def _inverse(q: Array) -> Array:
+    return np.asarray(q * np.array([-1.0, -1.0, -1.0, 1.0]))
+
+
+def _unit(q: Array) -> Array:
+    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
+
+
+def _products(q: Array) -> Array:
+    """(n, 4): q[0], q[0] q[1], q[0] q[1] q[2], ..."""
+    return np.array(list(accumulate(q, multiply_quaternions)))
+
+
+def _rotation_vector(q: Array) -> Array:
+    """Quaternions (n, 4) -> the shorter rotation vectors (n, 3), rad."""
+    q = np.where(q[:, 3:] < 0.0, -q, q)
+    half_sine = np.linalg.norm(q[:, :3], axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(half_sine, q[:, 3:])
+    stretch = np.divide(angle, half_sine, out=np.full_like(angle, 2.0), where=half_sine > 0.0)
+    return np.asarray(stretch * q[:, :3])
+
+
+def _quaternion(rotation_vector: Array) -> Array:
+    """Rotation vectors (n, 3) rad -> quaternions (n, 4)."""
+    angle = np.linalg.norm(rotation_vector, axis=1, keepdims=True)
+    return np.concatenate([0.5 * np.sinc(0.5 * angle / np.pi) * rotation_vector, np.cos(0.5 * angle)], axis=1)
+
+
+def _angle(q: Array) -> Array:
+    """rad, 0 to pi: by how much quaternions (..., 4) turn."""
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., :3], axis=-1), np.abs(q[..., 3])))
+
+
+def _angle_between(q: Array, others: Array) -> Array:
+    """rad: from an attitude (4,) to others (n, 4)."""
+    return _angle(multiply_quaternions(_inverse(q), others))
+
+
+def _tilt(q: Array) -> Array:
+    """rad, 0 to pi: by how much quaternions (..., 4) turn the vertical."""
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., :2], axis=-1), np.linalg.norm(q[..., 2:], axis=-1)))
+
+
+def _yaw_quaternions(yaw: Array) -> Array:
+    """Yaws (n,) rad -> quaternions (n, 4)."""
+    return np.array([yaw_quaternion(each) for each in yaw.tolist()])

@@ -1,0 +1,170 @@
+"""How far tracks in a common frame are from the truth.
+
+The common frame's origin and heading are free, so estimates are laid onto the truth by one yaw and one translation:
+the closed form of Umeyama (Least-squares estimation of transformation parameters between two point patterns, IEEE
+Trans. PAMI 13(4), 1991, eq. 40 to 42) in the plane, without scale, with weights. Heights differ by their mean alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.data.track import Track
+from synchronizar.errors import InputError, os_faults
+from synchronizar.geometry import YawFrame, rotation_2d, wrap_angle
+from synchronizar.io.tum import read_tum
+
+MAX_GAP_S = 0.5
+"""The truth is not interpolated over longer gaps."""
+MOVED_M = 0.5
+"""The heading of a device that moved less cannot be told from its positions."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors of all users: RMSE in m, in space and (`_xy`) in the plane; None where there is nothing to compare.
+
+    The dictionaries have every user but the reference of which there is both an estimate and truth.
+    """
+
+    reference: str
+    joint_ate: float | None
+    """After one alignment of all users together, every user weighing the same."""
+    joint_ate_xy: float | None
+    reference_ate: float | None
+    """Of the reference, aligned alone."""
+    reference_ate_xy: float | None
+    transfer: Mapping[str, float | None]
+    """Of each other user where the reference alone was aligned; None where that has no truth or did not move."""
+    transfer_xy: Mapping[str, float | None]
+    yaw: Mapping[str, float | None]
+    """rad: by how much a user must still turn to lie on its truth; None also where the user's truth did not move."""
+    missing: tuple[str, ...]
+    """Users with truth of whom there is no estimate at any time of it."""
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Positions of one user at the same n times, in the common frame and in the truth's: (n, 3) m each."""
+
+    estimated: Array
+    true: Array
+
+    @property
+    def moved(self) -> bool:
+        """Whether the truth went far enough to have a heading."""
+        return float(np.linalg.norm(np.ptp(self.true, axis=0))) >= MOVED_M
+
+
+def evaluate(estimated: Mapping[str, Track], truth: Mapping[str, Track], reference: str) -> Evaluation:
+    """Compare tracks in one common frame with the truth, at the estimates' stamps wherever the truth covers them.
+
+    A track of one pose stands still and holds at all times.
+    """
+    users = {}
+    for name in sorted(truth):
+        matched = match(estimated[name], truth[name]) if name in estimated else None
+        if matched is not None:
+            users[name] = matched
+    missing = tuple(name for name in sorted(truth) if name not in users)
+
+    joint = joint_xy = reference_ate = reference_ate_xy = None
+    if users:
+        world_from_common = align(list(users.values()))
+        errors = np.array([_rmse(world_from_common, matched) for matched in users.values()])
+        joint, joint_xy = np.sqrt(np.mean(errors**2, axis=0)).tolist()
+
+    others = {name: matched for name, matched in users.items() if name != reference}
+    transfer: dict[str, float | None] = dict.fromkeys(others)
+    transfer_xy, yaw = transfer.copy(), transfer.copy()
+    if reference in users:
+        world_from_common = align([users[reference]])
+        reference_ate, reference_ate_xy = _rmse(world_from_common, users[reference])
+        if users[reference].moved:
+            for name, matched in others.items():
+                transfer[name], transfer_xy[name] = _rmse(world_from_common, matched)
+                if matched.moved:
+                    yaw[name] = wrap_angle(align([matched]).yaw - world_from_common.yaw)
+    return Evaluation(reference, joint, joint_xy, reference_ate, reference_ate_xy, transfer, transfer_xy, yaw, missing)
+
+
+def evaluate_folder(recording: Path, out: Path) -> Evaluation:
+    """Compare the tracks in `out` with the truth of a recording's folder.
+
+    The reference is the one that out/registration.json names, else the first by name whose truth moves. Raises
+    InputError where there is no truth, no folder `out`, or a file that cannot be used.
+    """
+    truth = read_tracks(recording / "truth")
+    if not truth:
+        raise InputError(recording / "truth", "holds no truth to compare with")
+    return evaluate(read_tracks(out), truth, _reference(out / "registration.json", truth))
+
+
+def evaluation_json(e: Evaluation) -> dict[str, object]:
+    """What `evaluate --json` prints."""
+    return {
+        "joint_ate": e.joint_ate,
+        "joint_ate_xy": e.joint_ate_xy,
+        "reference_ate": e.reference_ate,
+        "reference_ate_xy": e.reference_ate_xy,
+        "transfer": dict(e.transfer),
+        "transfer_xy": dict(e.transfer_xy),
+        "yaw": dict(e.yaw),
+        "missing": list(e.missing),
+    }
+
+
+def read_tracks(folder: Path) -> dict[str, Track]:
+    """The tracks of a folder by the names of their files, z up; hidden files are not tracks."""
+    with os_faults(folder):
+        files = sorted(file for file in folder.iterdir() if file.suffix == ".tum" and not file.name.startswith("."))
+    return {file.stem: read_tum(file) for file in files}
+
+
+def _reference(path: Path, truth: Mapping[str, Track]) -> str:
+    if not path.exists():
+        return next((name for name, track in truth.items() if track.extent() >= MOVED_M), next(iter(truth)))
+    try:
+        with os_faults(path):
+            return str(json.loads(path.read_bytes())["reference"])
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError, KeyError, TypeError) as e:
+        raise InputError(path, "is no registration that names its reference") from e
+
+
+def match(estimated: Track, truth: Track) -> Matched | None:
+    """Where the estimate and the truth are at the same times; None if there are none."""
+    if len(truth) == 1:
+        return Matched(estimated.position, np.broadcast_to(truth.position, estimated.position.shape))
+    if len(estimated) == 1:
+        return Matched(np.broadcast_to(estimated.position, truth.position.shape), truth.position)
+    poses = truth.at(estimated.t, MAX_GAP_S)
+    if not poses.valid.any():
+        return None
+    return Matched(estimated.position[poses.valid], poses.position[poses.valid])
+
+
+def align(users: list[Matched]) -> YawFrame:
+    """`world_from_common` with the least squares of what remains, every user weighing the same."""
+    estimated = np.concatenate([m.estimated for m in users])
+    true = np.concatenate([m.true for m in users])
+    weight = np.concatenate([np.full(len(m.true), 1.0 / len(m.true)) for m in users]) / len(users)
+
+    mean_estimated, mean_true = weight @ estimated, weight @ true
+    e, t = estimated - mean_estimated, true - mean_true
+    dot = weight @ (e[:, 0] * t[:, 0] + e[:, 1] * t[:, 1])
+    cross = weight @ (e[:, 0] * t[:, 1] - e[:, 1] * t[:, 0])
+    yaw = float(np.arctan2(cross, dot))
+    x, y = (mean_true[:2] - rotation_2d(yaw) @ mean_estimated[:2]).tolist()
+    return YawFrame(x, y, float(mean_true[2] - mean_estimated[2]), yaw)
+
+
+def _rmse(world_from_common: YawFrame, matched: Matched) -> tuple[float, float]:
+    """Root mean square error (m) in space and in the plane."""
+    squares = (world_from_common @ matched.estimated - matched.true) ** 2
+    return float(np.sqrt(squares.sum(axis=1).mean())), float(np.sqrt(squares[:, :2].sum(axis=1).mean()))

@@ -1,0 +1,169 @@
+"""What is wrong with each device at all times: its scale, its radio's bias, its clock; how far its SLAM drifts."""
+
+from __future__ import annotations
+
+from math import hypot
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from synchronizar.data.registration import UserRegistration
+from synchronizar.parameters import Model
+from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.plots.style import Style, short
+
+SIGMAS = 2.0
+"""What error bars and the model's bands hold to either side."""
+DEVICE, PRIOR_DOMINATED = "black", "0.55"
+FEWEST_ROWS, MOST_ROWS = 8, 44
+ROWS_IN_LARGE_PRINT = 26
+
+
+class Kind(NamedTuple):
+    """One of the numbers that a device has."""
+
+    name: str
+    """As UserRegistration.prior_dominated has it."""
+    title: str
+    unit: float
+    """What it is told in: 1e-3 for thousandths."""
+    form: str
+    neutral: float
+    """Of a device with which nothing is wrong."""
+    prior: tuple[float, float]
+    """Where the model expects it."""
+
+
+def kinds(model: Model) -> tuple[Kind, Kind, Kind]:
+    """In the order of DeviceSigma."""
+    # Of a device by itself, before any range: its own deviation and that of its kind.
+    log_scale = SIGMAS * hypot(model.scale_sigma, model.scale_common_sigma)
+    bias = SIGMAS * hypot(model.bias_sigma, model.bias_common_sigma)
+    clock = SIGMAS * hypot(model.clock_sigma, model.clock_common_sigma)
+    return (
+        Kind("scale", "Scale of SLAM", 1.0, ".3f", 1.0, (float(np.exp(-log_scale)), float(np.exp(log_scale)))),
+        Kind("range_bias", "Bias of the radio (m)", 1.0, ".3f", 0.0, (-bias, bias)),
+        Kind("clock_offset", "Clock offset (ms)", 1e-3, ".0f", 0.0, (-clock, clock)),
+    )
+
+
+def rows_shown(answer: Answer) -> int:
+    """How many lines the panels have."""
+    return min(len(answer.names), MOST_ROWS) + (len(answer.names) > MOST_ROWS)
+
+
+def draw_names(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
+    """Who is who in all panels: before each name a sample of its line."""
+    for row, name in enumerate(answer.names[:MOST_ROWS]):
+        style = styles[name]
+        if answer.registration.users[name].static:
+            ax.plot(0.1, row, "^", color=style.colour, markersize=6)
+        else:
+            ax.plot([0.0, 0.2], [row, row], linestyle=style.dashes, color=style.colour, linewidth=2.0)
+        ax.text(0.26, row, short(name), color=style.colour, fontsize=_font_size(answer), va="center")
+    if len(answer.names) > MOST_ROWS:
+        ax.text(0.26, MOST_ROWS, f"and {len(answer.names) - MOST_ROWS} more", fontsize=_font_size(answer), va="center")
+    ax.set(xlim=(0.0, 1.0), ylim=_limits(answer))
+    ax.axis("off")
+
+
+def draw_estimates(ax: Axes, answer: Answer, kind: Kind) -> None:
+    """One number of each device with its error bar, over the band in which the model expects it."""
+    ax.axvspan(kind.prior[0] / kind.unit, kind.prior[1] / kind.unit, color="0.93", zorder=0)
+    ax.axvline(kind.neutral / kind.unit, color="0.75", linewidth=0.8, zorder=1)
+    shown = list(kind.prior)
+    for row, name in enumerate(answer.names[:MOST_ROWS]):
+        user = answer.registration.users[name]
+        value = _value(user, kind)
+        if value is None:
+            _tell(ax, row, "-", PRIOR_DOMINATED, _font_size(answer))
+        else:
+            reach = min(_reach(user, kind), kind.prior[1] - kind.prior[0])
+            shown += [value - reach, value + reach]
+            _draw_estimate(ax, row, user, kind, value, _font_size(answer))
+    margin = 0.05 * (max(shown) - min(shown))
+    ax.set(
+        xlim=((min(shown) - margin) / kind.unit, (max(shown) + margin) / kind.unit),
+        ylim=_limits(answer),
+        yticks=[],
+        title=kind.title,
+    )
+    ax.tick_params(labelsize=8)
+
+
+def draw_slam_noise(ax: Axes, answer: Answer) -> None:
+    """How many times as far as the model says each SLAM drifts: in place (dots), in heading (diamonds)."""
+    ax.axvline(1.0, color="0.75", linewidth=0.8, zorder=1)
+    shown = [0.5, 2.0]
+    for row, name in enumerate(answer.names[:MOST_ROWS]):
+        noise = answer.registration.users[name].slam_noise
+        if noise is None:
+            _tell(ax, row, "-", PRIOR_DOMINATED, _font_size(answer))
+            continue
+        shown += noise
+        for value, marker in zip(noise, "oD", strict=True):
+            ax.plot(value, row, marker, color=DEVICE, markerfacecolor="none", markersize=5)
+        _tell(ax, row, f"{noise[0]:.2f}, {noise[1]:.2f}", DEVICE, _font_size(answer))
+    ax.set_xscale("log", base=2)
+    ax.set(
+        xlim=(min(shown) / 1.2, max(shown) * 1.2),
+        ylim=_limits(answer),
+        yticks=[],
+        title="Drift of SLAM (×)",
+        xlabel="○ place, ◇ heading;\n1: as the model says",
+    )
+    ax.xaxis.label.set_fontsize(9)
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.tick_params(labelsize=8)
+
+
+def _value(user: UserRegistration, kind: Kind) -> float | None:
+    """None where the user has no such number: it has no placement, or it is static and has but a bias."""
+    if user.common_from_user is None or (user.static and kind.name != "range_bias"):
+        return None
+    return {
+        "scale": user.common_from_user.scale,
+        "range_bias": user.range_bias,
+        "clock_offset": user.clock_offset,
+    }[kind.name]
+
+
+def _reach(user: UserRegistration, kind: Kind) -> float:
+    """Of its error bar; 0 where there is none."""
+    sigma = 0.0 if user.device_sigma is None else float(getattr(user.device_sigma, kind.name))
+    return SIGMAS * sigma if np.isfinite(sigma) else 0.0
+
+
+def _draw_estimate(ax: Axes, row: int, user: UserRegistration, kind: Kind, value: float, font_size: float) -> None:
+    """Hollow and grey where the prior determines it."""
+    hollow = kind.name in user.prior_dominated
+    colour = PRIOR_DOMINATED if hollow else DEVICE
+    reach = _reach(user, kind) / kind.unit
+    ax.errorbar(
+        value / kind.unit,
+        row,
+        xerr=reach or None,
+        fmt="o",
+        color=colour,
+        markerfacecolor="white" if hollow else colour,
+        markersize=5,
+        capsize=2.5,
+        linewidth=1.2,
+    )
+    said = format(value / kind.unit, kind.form)
+    _tell(ax, row, f"{said} ±{reach:{kind.form}}" if reach else said, colour, font_size)
+
+
+def _tell(ax: Axes, row: int, said: str, colour: str, font_size: float) -> None:
+    """A number beside the panel."""
+    ax.text(1.03, row, said, transform=ax.get_yaxis_transform(), color=colour, fontsize=font_size, va="center")
+
+
+def _limits(answer: Answer) -> tuple[float, float]:
+    """The first user is on top."""
+    return max(rows_shown(answer), FEWEST_ROWS) - 0.5, -0.5
+
+
+def _font_size(answer: Answer) -> float:
+    return 8.5 if rows_shown(answer) <= ROWS_IN_LARGE_PRINT else 6.5

@@ -1,0 +1,57 @@
+"""The pictures as files beside the answer."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from synchronizar.data.recording import Recording
+from synchronizar.errors import os_faults
+from synchronizar.reporting.plots.answer import read_answer
+from synchronizar.reporting.plots.devices import draw_devices
+from synchronizar.reporting.plots.picture import draw
+from synchronizar.reporting.plots.timeline import draw_timeline
+from synchronizar.reporting.plots.updates import read_history
+
+DPI = 110
+UPDATES = "updates.jsonl"
+"""What a replay writes and `register` does not."""
+PICTURE, DEVICES, REPLAY = "picture.png", "devices.png", "replay.png"
+
+
+def plot(recording: Recording, folder: str | Path, name: str) -> Path:
+    """Draw what `register --out` or `replay --out` wrote into a folder about the recording of that name.
+
+    Of what `register` wrote: `picture.png` in that folder and, where the answer corrects SLAM, `devices.png` beside it,
+    which tells what is wrong with which device. Of a replay: `replay.png`, which tells what was known when. Pages of an
+    earlier answer that are not drawn again are removed. Returns the path of the first page. Raises InputError where
+    there is no answer in the folder, it is about another recording, or nothing can be written.
+    """
+    pages = _pages(recording, Path(folder), name)
+    for page in (PICTURE, DEVICES, REPLAY):
+        if page in pages:
+            _save(pages[page], Path(folder) / page)
+        else:
+            with os_faults(Path(folder) / page):
+                (Path(folder) / page).unlink(missing_ok=True)
+    return Path(folder) / next(iter(pages))
+
+
+def _pages(recording: Recording, folder: Path, name: str) -> dict[str, Figure]:
+    devices = f"{len(recording.users)} devices"
+    if (folder / UPDATES).exists():
+        history = read_history(folder / UPDATES, recording)
+        return {REPLAY: draw_timeline(history, f"{name}: what was known of its {devices} while they moved")}
+    answer = read_answer(folder, recording)
+    pages = {PICTURE: draw(answer, f"{name}: where its {devices} were, from the distances between them")}
+    if answer.corrects_slam:
+        pages[DEVICES] = draw_devices(answer, f"{name}: what is wrong with which of its {devices}")
+    return pages
+
+
+def _save(figure: Figure, file: Path) -> None:
+    with warnings.catch_warnings(), os_faults(file):
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # names may be of scripts that the font lacks
+        figure.savefig(file, dpi=DPI)

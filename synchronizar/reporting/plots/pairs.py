@@ -1,0 +1,70 @@
+"""What the ranges of each pair say over time: the pairs that agree least with the answer first."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from synchronizar.arrays import Array
+from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.plots.residuals import LEAST_SIGMAS, SHOWN
+from synchronizar.reporting.plots.style import REJECTED, USED, short
+
+MOST_PAIRS = 15
+
+
+class Pair(NamedTuple):
+    """Two users between whom ranges were usable."""
+
+    a: str
+    b: str
+    rows: NDArray[np.intp]
+    """Of its usable ranges."""
+    rms: float
+    """m, of the residuals of those that were used; NaN where none was."""
+
+
+def pairs(answer: Answer) -> list[Pair]:
+    """Those of whose ranges none was used, then by rms, the largest first."""
+    verdicts, ranges, count = answer.registration.ranges, answer.ranges, len(answer.names)
+    pair = np.minimum(ranges.a, ranges.b).astype(np.int64) * count + np.maximum(ranges.a, ranges.b)
+    found = []
+    for key in np.unique(pair[verdicts.usable]).tolist():
+        rows = np.flatnonzero(verdicts.usable & (pair == key))
+        squares = verdicts.residual[rows[verdicts.used[rows]]] ** 2
+        rms = float(np.sqrt(squares.mean())) if len(squares) else np.nan
+        found.append(Pair(answer.names[key // count], answer.names[key % count], rows, rms))
+    return sorted(found, key=lambda pair: -np.inf if np.isnan(pair.rms) else -pair.rms)
+
+
+def pair_limits(answer: Answer, sigma: float) -> tuple[float, float]:
+    """m: what all panels show, the same to either side; a few sigma at least, and nearly all that was used."""
+    residual = np.abs(answer.registration.ranges.residual[answer.registration.ranges.used])
+    reach = float(np.quantile(residual, SHOWN)) if len(residual) else 0.0
+    reach = max(1.2 * reach, LEAST_SIGMAS * sigma)
+    return -reach, reach
+
+
+def draw_pair(ax: Axes, answer: Answer, pair: Pair, limits: tuple[float, float]) -> None:
+    """The residual of each range of a pair when it was measured; at the edge where it is further out."""
+    verdicts, t = answer.registration.ranges, answer.ranges.t[pair.rows] - answer.began
+    residual, used = verdicts.residual[pair.rows], verdicts.used[pair.rows]
+    ax.axhline(0.0, color="black", linewidth=0.8, zorder=1)
+    for mask, colour in ((used, USED), (~used, REJECTED)):
+        _draw_points(ax, t[mask], residual[mask], colour, limits)
+    agreement = "none used" if np.isnan(pair.rms) else f"rms {pair.rms:.2f} m"
+    ax.set_title(f"{short(pair.a)} - {short(pair.b)}: {agreement}", fontsize=9)
+    ax.set(ylim=limits)
+    ax.grid(color="0.92")
+    ax.tick_params(labelsize=8)
+
+
+def _draw_points(ax: Axes, t: Array, residual: Array, colour: str, limits: tuple[float, float]) -> None:
+    low, high = limits
+    inside = (residual >= low) & (residual <= high)
+    ax.plot(t[inside], residual[inside], ".", color=colour, markersize=3)
+    for outside, edge, marker in ((residual > high, high, 6), (residual < low, low, 7)):  # carets up and down
+        ax.plot(t[outside], np.full(int(outside.sum()), edge), linestyle="", marker=marker, color=colour, markersize=3)

@@ -1,0 +1,263 @@
+"""The map: everybody's walk from above, in the common frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse, FancyArrowPatch
+from matplotlib.patheffects import withStroke
+
+from synchronizar.arrays import Array
+from synchronizar.data.registration import State, UserRegistration
+from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.plots.drift import common_from_user_at_start, drift_of
+from synchronizar.reporting.plots.style import FAINT, JUMP, REJECTED, STATIC, USED, Style, few, short
+from synchronizar.reporting.plots.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
+
+MOST_RANGES = 150
+"""More lines would hide the walks."""
+SMALLEST_M = 1.0
+"""Side of the map where nobody moves."""
+MARGIN = 0.08
+ARROW = 0.06
+"""Length of an arrow as a share of the map."""
+HALO = (withStroke(linewidth=2.5, foreground="white"),)
+# Where names stand beside their markers (points), so that those who start together can be read.
+NAME_OFFSETS = ((7, 6), (7, -13), (-7, 6), (-7, -13))
+MOST_TIMES = 12
+"""More times beside jumps would hide the walks."""
+UNCORRECTED = (0, (3.0, 2.0))
+"""Dashes of SLAM's own track."""
+
+SYMBOLS = (
+    Line2D([], [], color=STATIC, marker="o", markersize=6, linestyle="", label="start; the arrow is its own x axis"),
+    Line2D([], [], color=STATIC, marker="s", markersize=5, linestyle="", label="end"),
+    Line2D([], [], color=STATIC, marker="^", markersize=8, linestyle="", label="static radio"),
+    Line2D(
+        [],
+        [],
+        color=STATIC,
+        marker="o",
+        markersize=11,
+        fillstyle="none",
+        linestyle="",
+        label="95 % region of where it is",
+    ),
+    Line2D([], [], color=STATIC, linestyle=(0, (4, 3)), alpha=2 * FAINT, label="another placement that fits"),
+    Line2D(
+        [], [], color=STATIC, marker="$\u2194$", markersize=12, linestyle="", label="direction the ranges do not see"
+    ),
+    Line2D([], [], color=USED, linewidth=0.8, label="range, used"),
+    Line2D([], [], color=REJECTED, linewidth=0.8, label="range, rejected"),
+)
+SYMBOLS_OF_CORRECTIONS = (
+    Line2D([], [], color=STATIC, linewidth=0.9, linestyle=UNCORRECTED, label="as SLAM had it, laid at its start"),
+    Line2D([], [], color=STATIC, marker=JUMP, markersize=8, linestyle="", label="SLAM jumped, and when"),
+)
+
+
+def symbols(answer: Answer) -> tuple[Line2D, ...]:
+    """What the map's symbols mean."""
+    return SYMBOLS + (SYMBOLS_OF_CORRECTIONS if answer.corrects_slam else ())
+
+
+def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
+    """Walks, static radios, how sure they are, and some of the ranges between them."""
+    span = _frame_the_map(ax, answer)
+    _draw_ranges(ax, answer)
+    for name in answer.tracks:
+        _draw_user(ax, answer, name, styles[name], span)
+    if answer.corrects_slam:
+        _draw_corrections(ax, answer, styles)
+    for index, (name, track) in enumerate(answer.tracks.items()):
+        dx, dy = NAME_OFFSETS[index % len(NAME_OFFSETS)]
+        ax.annotate(
+            short(name),
+            (track.position[0, 0], track.position[0, 1]),
+            xytext=(dx, dy),
+            textcoords="offset points",
+            ha="left" if dx > 0 else "right",
+            color=styles[name].colour,
+            fontsize=10,
+            fontweight="bold",
+            path_effects=HALO,
+            zorder=6,
+        )
+
+
+def _frame_the_map(ax: Axes, answer: Answer) -> float:
+    """Set the axes up, and return the side (m) of what they must show: every walk as every placement has it.
+
+    SLAM's own tracks are shown too, as far as they do not lead out of a map of twice that side.
+    """
+    walks = [track.position[:, :2] for track in answer.tracks.values()]
+    for name, user in answer.registration.users.items():
+        if user.state is State.AMBIGUOUS:
+            walks += [walk[:, :2] for walk in _other_walks(answer, name)]
+    corners = np.concatenate([[walk.min(axis=0), walk.max(axis=0)] for walk in walks])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle, span = 0.5 * (low + high), max(float((high - low).max()), SMALLEST_M)
+    ax.update_datalim([middle - 0.25 * span, middle + 0.25 * span])
+    if answer.corrects_slam:
+        for name in answer.moving:
+            walk = drift_of(answer, name).uncorrected.position[:, :2]
+            corners = np.array([walk.min(axis=0), walk.max(axis=0)])
+            ax.update_datalim(np.clip(corners, low - 0.5 * span, high + 0.5 * span))
+    ax.margins(MARGIN)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set(
+        xlabel="x (m)",
+        ylabel="y (m)",
+        title=f"From above, in the common frame: the axes of {short(answer.registration.reference)}",
+    )
+    ax.grid(color="0.92")
+    ax.set_axisbelow(True)
+    return span
+
+
+def _other_walks(answer: Answer, name: str) -> list[Array]:
+    """The user's walk (n, 3) m as each alternative but the best has it."""
+    frame = answer.registration.users[name].common_from_user
+    assert frame is not None
+    others = [other.common_from_user.get(name) for other in answer.registration.alternatives[1:]]
+    own = frame.inverse() @ answer.tracks[name].position
+    return [replace(other, scale=frame.scale) @ own for other in others if other is not None]
+
+
+def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
+    """What SLAM itself made of each walk, and where it jumped."""
+    for name in answer.moving:
+        walk = drift_of(answer, name).uncorrected.position
+        ax.add_collection(
+            LineCollection(
+                [walk[few(len(walk)), :2]],
+                colors=styles[name].colour,
+                linestyles=[UNCORRECTED],
+                linewidths=0.8,
+                alpha=0.8,
+                zorder=2,
+            ),
+            autolim=False,
+        )
+    jumps = [(name, jump) for name in answer.moving for jump in answer.registration.users[name].jumps]
+    for name, jump in jumps:
+        x, y, _ = answer.tracks[name].position[jump.pose]
+        ax.plot(x, y, JUMP, color=styles[name].colour, markersize=9, markeredgecolor="white", zorder=5)
+        if len(jumps) <= MOST_TIMES:
+            ax.annotate(
+                f"{answer.elapsed(name, np.array([jump.t]))[0]:.1f} s",
+                (x, y),
+                xytext=(7, 3),
+                textcoords="offset points",
+                color=styles[name].colour,
+                fontsize=8,
+                path_effects=HALO,
+                zorder=6,
+            )
+
+
+def _draw_ranges(ax: Axes, answer: Answer) -> None:
+    """As many lines as can be told apart, evenly chosen among the ranges that were usable."""
+    verdicts = answer.registration.ranges
+    usable = np.flatnonzero(verdicts.usable)
+    rows = usable[np.unique(np.linspace(0, len(usable) - 1, min(MOST_RANGES, len(usable))).round().astype(int))]
+    lines = answer.ends(rows)[:, :, :2]
+    for used, colour in ((True, USED), (False, REJECTED)):
+        chosen = lines[verdicts.used[rows] == used]
+        ax.add_collection(
+            LineCollection(list(chosen), colors=colour, linewidths=0.6, alpha=0.4, zorder=1), autolim=False
+        )
+
+
+def _draw_user(ax: Axes, answer: Answer, name: str, style: Style, span: float) -> None:
+    user, position = answer.registration.users[name], answer.tracks[name].position
+    if user.state is State.AMBIGUOUS:
+        for walk in _other_walks(answer, name):
+            _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT)
+    _draw_walk(ax, position, user, style, alpha=0.9)
+    _draw_ellipse(ax, user, position[-1], style, largest=span)
+    if not user.static:
+        if not answer.corrects_slam:  # else how sure its frame is is known of the end alone
+            _draw_ellipse(ax, user, position[0], style, largest=span)
+        _draw_heading(ax, common_from_user_at_start(answer, name).yaw, position[0], style, ARROW * span)
+    if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
+        _draw_unseen(ax, user, position[-1], style, ARROW * span)
+
+
+def _draw_walk(ax: Axes, walk: Array, user: UserRegistration, style: Style, alpha: float) -> None:
+    x, y = walk[:, 0], walk[:, 1]
+    if user.static:
+        ax.plot(x[:1], y[:1], "^", color=style.colour, markersize=9, alpha=alpha, zorder=4)
+        return
+    rows = few(len(walk))
+    ax.plot(x[rows], y[rows], linestyle=style.dashes, color=style.colour, linewidth=1.5, alpha=alpha, zorder=3)
+    ax.plot(x[:1], y[:1], "o", color=style.colour, markersize=7, markeredgecolor="white", alpha=alpha, zorder=5)
+    ax.plot(x[-1:], y[-1:], "s", color=style.colour, markersize=6, markeredgecolor="white", alpha=alpha, zorder=5)
+
+
+def _draw_ellipse(ax: Axes, user: UserRegistration, place: Array, style: Style, largest: float) -> None:
+    """Where a place may be; not where that is anywhere on the map."""
+    sigmas, angle = axes_of(plane_covariance(user, place))
+    width, height = 2.0 * np.sqrt(CHI2_95_OF_TWO) * sigmas
+    if width > largest:
+        return
+    ax.add_artist(
+        Ellipse(
+            (place[0], place[1]),
+            width,
+            height,
+            angle=np.degrees(angle),
+            facecolor=(style.colour, 0.15),
+            edgecolor=style.colour,
+            linewidth=1.2,
+            zorder=4,
+        )
+    )
+
+
+def _draw_heading(ax: Axes, yaw: float, start: Array, style: Style, length: float) -> None:
+    _arrow(ax, start, start + length * np.array([np.cos(yaw), np.sin(yaw), 0.0]), style, "-|>")
+
+
+def _draw_unseen(ax: Axes, user: UserRegistration, end: Array, style: Style, length: float) -> None:
+    """How the end of the walk could move, to scale of the map and not of the error: along, about, or up and down."""
+    assert user.unseen_direction is not None
+    unseen = np.nan_to_num(user.unseen_direction)
+    along = jacobian(user, end) @ unseen
+    if abs(unseen[3]) > np.linalg.norm(along):
+        side, ahead = np.array([length, 0.0, 0.0]), np.array([0.0, length, 0.0])
+        _arrow(ax, end + side - ahead, end + side + ahead, style, "<|-|>", bend=0.5)
+    elif abs(along[2]) > np.hypot(along[0], along[1]):
+        ax.annotate(
+            "height unseen",
+            (end[0], end[1]),
+            xytext=(0, -14),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            color=style.colour,
+        )
+    else:
+        way = 1.5 * length * along / np.hypot(along[0], along[1])
+        _arrow(ax, end - way, end + way, style, "<|-|>")
+
+
+def _arrow(ax: Axes, begin: Array, end: Array, style: Style, heads: str, bend: float = 0.0) -> None:
+    ax.add_artist(
+        FancyArrowPatch(
+            (begin[0], begin[1]),
+            (end[0], end[1]),
+            arrowstyle=heads,
+            connectionstyle=f"arc3,rad={bend}",
+            mutation_scale=12,
+            shrinkA=0,
+            shrinkB=0,
+            color=style.colour,
+            linewidth=1.5,
+            zorder=5,
+        )
+    )

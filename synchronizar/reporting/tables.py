@@ -1,0 +1,55 @@
+"""The answer as a table to read."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.data.registration import Registration, UserRegistration
+from synchronizar.io.registration_folder import range_counts
+
+
+def registration_table(registration: Registration) -> str:
+    """A row for each user: where it is (m, degrees), how sure that is (1 sigma), and why its state is what it is."""
+    head = ("user", "state", "x", "y", "z", "yaw", "± xy", "± z", "± yaw", "")
+    rows = [head, *(_table_row(registration, user) for user in registration.users.values())]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
+    lines = ["  ".join([*_aligned(row[:-1], widths), row[-1]]).rstrip() for row in rows]
+    counts = ", ".join(f"{count} {what}" for what, count in range_counts(registration.ranges).items())
+    return "\n".join([*lines, f"ranges: {counts}; {sum(registration.seconds.values()):.2f} s"])
+
+
+def _table_row(registration: Registration, user: UserRegistration) -> tuple[str, ...]:
+    frame = user.common_from_user
+    place = (np.nan,) * 4
+    if frame is not None:
+        place = (frame.x, frame.y, frame.z, np.nan if user.static else np.degrees(frame.yaw))
+    sigma_xy, sigma_z, sigma_yaw = _sigmas(user.covariance)
+    return (
+        user.name,
+        str(user.state),
+        *(_cell(x, "+.2f") for x in place[:3]),
+        _cell(place[3], "+.1f"),
+        _cell(sigma_xy, ".2f"),
+        _cell(sigma_z, ".2f"),
+        _cell(np.degrees(sigma_yaw), ".1f"),
+        "the reference" if user.name == registration.reference else user.reason,
+    )
+
+
+def _sigmas(covariance: Array | None) -> tuple[float, float, float]:
+    """1 sigma along the longest axis of the ellipse in x and y (m), in z (m) and in yaw (rad); NaN where unknown."""
+    if covariance is None:
+        return np.nan, np.nan, np.nan
+    xx, yy, xy = covariance[0, 0], covariance[1, 1], covariance[0, 1]
+    longest = (xx + yy) / 2.0 + np.hypot((xx - yy) / 2.0, xy)
+    return float(np.sqrt(longest)), float(np.sqrt(covariance[2, 2])), float(np.sqrt(covariance[3, 3]))
+
+
+def _cell(x: float, form: str) -> str:
+    return format(x, form) if np.isfinite(x) else "-"
+
+
+def _aligned(cells: tuple[str, ...], widths: list[int]) -> list[str]:
+    """Names and states to the left, numbers to the right."""
+    return [c.ljust(w) if k < 2 else c.rjust(w) for k, (c, w) in enumerate(zip(cells, widths, strict=False))]

@@ -1,0 +1,1 @@
+"""Simulated walks, radios and the firmware's air, with their truth."""

@@ -1,0 +1,214 @@
+"""Seeded walks with their truth: people, their SLAM and their radios, put together into a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from synchronizar.arrays import Array, Mask
+from synchronizar.data.recording import Recording
+from synchronizar.data.track import Track
+from synchronizar.data.user import User
+from synchronizar.errors import InputError, os_faults
+from synchronizar.geometry import QUATERNION_Z_UP_FROM_Y_UP, Z_UP_FROM_Y_UP, YawFrame, multiply_quaternions, wrap_angle
+from synchronizar.io.tum import write_tum
+from synchronizar.simulation.radios import Device, Measured, measure, true_distances
+from synchronizar.simulation.scene import Scene
+from synchronizar.simulation.walkers import walk
+
+__all__ = ["People", "Scene", "Simulation", "people_of", "simulate"]
+
+ANTENNA_REACH_M = 0.15
+RADIO_HEIGHT_M = (2.0, 3.0)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A recording, and everything about it that nobody could know."""
+
+    scene: Scene
+    recording: Recording
+    truth: Mapping[str, Track]
+    """Every device in the room's frame (z up), stamped like its own track; a static radio has one pose at t = 0."""
+    world_from_user: Mapping[str, YawFrame]
+    """Where each device's own frame lies in the room's at the user's last pose."""
+    clock_offset: Mapping[str, float]
+    """s: own stamp minus range stamp of the same event; 0 for a static radio, which has none."""
+    range_bias: Mapping[str, float]
+    """m: what each device's radio adds to its ranges."""
+    late: Mask
+    """(n,) whether each of the recording's ranges was measured without line of sight."""
+    extra: Array
+    """(n,) m: by how much that made it too long. A module's range takes three frames and this is how late signals came
+    when it was measured: where a burst begins or ends amid the frames, the range has but a part of it."""
+
+    def range_errors(self) -> Array:
+        """(n,) m: measured minus true distance of each of the recording's ranges."""
+        devices = [
+            Device(
+                self.truth[user.name],
+                user.static,
+                user.levers[:-1],
+                self.clock_offset[user.name],
+                self.range_bias[user.name],
+            )
+            for user in self.recording.users
+        ]
+        r = self.recording.ranges
+        true, _ = true_distances(devices, r.t, (r.a, r.antenna_a), (r.b, r.antenna_b))
+        return r.distance - true
+
+    def save(self, path: Path) -> None:
+        """Write the recording as a folder, with truth/<user>.tum and truth/ranges.csv.
+
+        Raises InputError where it cannot be written or holds the track or truth of somebody else.
+        """
+        truth = path / "truth"
+        for file in truth.glob("*.tum"):
+            if file.stem not in self.truth:
+                raise InputError(file, f"stands in the way: {file.stem} is not in the scene to be saved")
+        self.recording.save(path)
+        if self.scene.up == "y":
+            _turn_tracks_y_up(self.recording, path)
+        with os_faults(truth):
+            truth.mkdir(exist_ok=True)
+        for name, track in self.truth.items():
+            write_tum(truth / f"{name}.tum", track)
+        self._save_range_truth(truth / "ranges.csv")
+
+    def _save_range_truth(self, path: Path) -> None:
+        names = [user.name for user in self.recording.users]
+        r = self.recording.ranges
+        rows = zip(r.t.tolist(), r.a.tolist(), r.b.tolist(), self.late.tolist(), self.extra.tolist(), strict=True)
+        lines = [f"{t},{names[a]},{names[b]},{late:d},{extra}\n" for t, a, b, late, extra in rows]
+        with os_faults(path):
+            path.write_text("t,a,b,late,extra\n" + "".join(lines), encoding="utf-8")
+
+
+def simulate(scene: Scene) -> Simulation:
+    """The walk that a scene describes, the same for the same scene."""
+    people, radio = people_of(scene)
+    return people.measured(scene, measure(radio, scene, people.devices))
+
+
+@dataclass(frozen=True)
+class People:
+    """Everybody in a scene, before anything is ranged; static radios are the last of them."""
+
+    users: tuple[User, ...]
+    devices: tuple[Device, ...]
+    """In truth, as many as users."""
+    tracks: Mapping[str, Track]
+    """As SLAM has them."""
+    world_from_user: Mapping[str, YawFrame]
+
+    def behind(self, seconds: float) -> People:
+        """The same people, where the range clock is so much later than it was."""
+        devices = (d if d.static else replace(d, clock_offset=d.clock_offset - seconds) for d in self.devices)
+        return replace(self, devices=tuple(devices))
+
+    def measured(self, scene: Scene, measured: Measured) -> Simulation:
+        """All of it, with the ranges that were measured."""
+        by_name = {user.name: device for user, device in zip(self.users, self.devices, strict=True)}
+        return Simulation(
+            scene=scene,
+            recording=Recording(self.users, self.tracks, measured.ranges),
+            truth={name: device.track for name, device in by_name.items()},
+            world_from_user=self.world_from_user,
+            clock_offset={name: device.clock_offset for name, device in by_name.items()},
+            range_bias={name: device.bias for name, device in by_name.items()},
+            late=measured.late,
+            extra=measured.extra,
+        )
+
+
+def people_of(scene: Scene) -> tuple[People, np.random.Generator]:
+    """Everybody in a scene, and what is random in their radios from here on."""
+    # Separate streams, so that the same people walk the same ways when only their SLAM or radios change.
+    motion, slam, radio = np.random.default_rng(scene.seed).spawn(3)
+    users, devices, tracks, world_from_user = [], [], {}, {}
+    for i, name in enumerate(_names("phone", scene.users)):
+        kind = scene.walk[i % len(scene.walk)]
+        true = walk(motion, scene, kind, _pose_times(motion, scene, joins_late=i >= scene.users - scene.late_joiners))
+        levers = _levers(radio, scene.antennas)
+        offset = scene.clock_offset_sigma * slam.standard_normal()
+        true = replace(true, t=true.t + offset)
+        tracks[name], world_from_user[name] = _slam(slam, scene, true)
+        users.append(User(name, antennas={str(n): tuple(lever) for n, lever in enumerate(levers.tolist())}))
+        devices.append(Device(true, False, levers, offset, scene.bias_sigma * radio.standard_normal()))
+    for name in _names("radio", scene.static_radios):
+        place = np.append(scene.area * motion.uniform(-0.5, 0.5, 2), motion.uniform(*RADIO_HEIGHT_M))
+        true = Track(np.zeros(1), place[None, :], np.array([[0.0, 0.0, 0.0, 1.0]]))
+        world_from_user[name] = YawFrame(*place.tolist())
+        users.append(User(name, static=True))
+        devices.append(Device(true, True, np.empty((0, 3)), 0.0, scene.bias_sigma * radio.standard_normal()))
+    return People(tuple(users), tuple(devices), tracks, world_from_user), radio
+
+
+def _names(kind: str, count: int) -> list[str]:
+    """Names that sort in the order of their numbers."""
+    width = len(str(count - 1))
+    return [f"{kind}{i:0{width}d}" for i in range(count)]
+
+
+def _pose_times(rng: np.random.Generator, scene: Scene, joins_late: bool) -> Array:
+    """Evenly spaced times (s, range clock) from just before a device appears until just after the end."""
+    start = 0.5 * scene.seconds if joins_late else 0.0
+    n = int(np.ceil((scene.seconds - start) * scene.track_rate_hz)) + 2
+    return start + (np.arange(n, dtype=float) - rng.uniform()) / scene.track_rate_hz
+
+
+def _levers(rng: np.random.Generator, antennas: int) -> Array:
+    """Antennas (antennas, 3) m in the body frame, anywhere within reach of its origin."""
+    direction = rng.standard_normal((antennas, 3))
+    reach = ANTENNA_REACH_M * np.cbrt(rng.uniform(size=(antennas, 1)))
+    levers: Array = reach * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    return levers
+
+
+def _slam(rng: np.random.Generator, scene: Scene, true: Track) -> tuple[Track, YawFrame]:
+    """What SLAM makes of true poses in the room: its own track, and `world_from_user` at the last pose.
+
+    The own frame begins at the first pose with a heading at random. Each step is the true one seen from a heading that
+    may drift and jump, in lengths that may be wrong by one scale, plus drift and jumps of the position.
+    """
+    steps, step_s = len(true) - 1, 1.0 / scene.track_rate_hz
+    scale = float(np.exp(scene.scale_sigma * rng.standard_normal()))
+    shift = scene.drift_m_per_sqrt_s * np.sqrt(step_s) * rng.standard_normal((steps, 3))
+    turn = scene.drift_rad_per_sqrt_s * np.sqrt(step_s) * rng.standard_normal(steps)
+    at = rng.integers(steps, size=scene.jumps)
+    way = rng.uniform(-np.pi, np.pi, scene.jumps)
+    np.add.at(shift, at, scene.jump_m * np.column_stack([np.cos(way), np.sin(way), np.zeros(scene.jumps)]))
+    np.add.at(turn, at, scene.jump_rad * rng.choice([-1.0, 1.0], scene.jumps))
+
+    world_yaw = rng.uniform(-np.pi, np.pi) + np.concatenate([[0.0], np.cumsum(turn)])
+    c, s = np.cos(world_yaw[:-1]), np.sin(world_yaw[:-1])
+    dx, dy, dz = np.diff(true.position, axis=0).T / scale
+    own_steps = np.column_stack([c * dx + s * dy, c * dy - s * dx, dz]) + shift
+    position = np.vstack([np.zeros(3), np.cumsum(own_steps, axis=0)])
+    unturn = np.zeros((len(true), 4))
+    unturn[:, 2], unturn[:, 3] = -np.sin(0.5 * world_yaw), np.cos(0.5 * world_yaw)
+    own = Track(true.t, position, multiply_quaternions(unturn, true.quat_xyzw))
+
+    last = YawFrame(yaw=wrap_angle(float(world_yaw[-1])), scale=scale)
+    x, y, z = (true.position[-1] - last.apply(position[-1])).tolist()
+    return own, replace(last, x=x, y=y, z=z)
+
+
+def _turn_tracks_y_up(recording: Recording, path: Path) -> None:
+    """Write a saved recording's tracks anew, in frames with y up, and say so in its recording.toml."""
+    x, y, z, w = QUATERNION_Z_UP_FROM_Y_UP
+    y_up_from_z_up = np.array([-x, -y, -z, w])
+    for name, track in recording.tracks.items():
+        turned = replace(
+            track,
+            position=track.position @ Z_UP_FROM_Y_UP,
+            quat_xyzw=multiply_quaternions(y_up_from_z_up, track.quat_xyzw),
+        )
+        write_tum(path / "tracks" / f"{name}.tum", turned)
+    toml = path / "recording.toml"
+    with os_faults(toml):
+        toml.write_text(toml.read_text(encoding="utf-8").replace('up = "z"', 'up = "y"', 1), encoding="utf-8")

@@ -1,0 +1,261 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import pytest
+from support import reference_kernel as reference
+from support.reference_kernel import Numbers
+
+from synchronizar._core import Cauchy, Device, DeviceBlock, GemanMcClure, Huber, Late, Squared, UserPose, judge
+from synchronizar.arrays import Array
+
+if TYPE_CHECKING:
+    from synchronizar._core import Loss
+
+LATE = Late(scale=1.0, early_odds=0.002)
+LOSSES: dict[str, Loss] = {
+    "squared": Squared(),
+    "huber": Huber(),
+    "cauchy": Cauchy(),
+    "geman_mcclure": GemanMcClure(),
+    "late": LATE,
+}
+annealings = pytest.mark.parametrize("annealing", [1.0, 3.0])
+offsets = pytest.mark.parametrize("offset", [0.0, 0.6, -0.6])
+
+# F (x, y, yaw), H, X (x, y, yaw), Z; log scale, bias (m), clock offset (s).
+PLACE_I = np.array([1.0, -2.0, 0.4, 0.3, 0.5, 1.5, -1.2, 0.1, 0.2, 0.12, -0.15])
+PLACE_J = np.array([4.0, 3.0, -2.5, -0.2, -1.0, 0.25, 0.8, 0.05, -0.3, -0.05, 0.2])
+HEIGHTS = [3, 7, 14, 18]  # of both frames and both keyframes
+
+Antennas = tuple[Array, Array, Array]
+
+
+class Measured(NamedTuple):
+    """What a DeviceBlock is made of."""
+
+    i: Antennas
+    j: Antennas
+    distance: Array
+    sigma: Array
+    late_odds: Array
+    worth: Array
+
+    def block(self) -> DeviceBlock:
+        return DeviceBlock(*self)
+
+
+@pytest.fixture(scope="module", params=sorted(LOSSES))
+def loss(request: pytest.FixtureRequest) -> Loss:
+    return LOSSES[request.param]
+
+
+def antennas(place: Numbers, ends: Antennas) -> Numbers:
+    """(n, 3): where the antennas lie in the common frame, from device_range.h's definition."""
+    offset, lever, velocity = ends
+    scale = np.exp(place[8])
+    beside = scale * offset + lever + place[10] * velocity
+    in_plane = scale * place[4:6] + beside[:, :2] @ reference.rotation(place[6]).T
+    common = place[:2] + in_plane @ reference.rotation(place[2]).T
+    return np.column_stack([common, place[3] + scale * place[7] + beside[:, 2]])
+
+
+def predicted(i: Numbers, j: Numbers, ranges: Measured) -> Numbers:
+    between = antennas(i, ranges.i) - antennas(j, ranges.j)
+    return np.asarray(np.sqrt((between**2).sum(axis=1)) + i[9] + j[9])
+
+
+def perturbed(place: Array, delta: Numbers) -> Numbers:
+    return np.concatenate([reference.perturbed(place[:8], delta[:8]), place[8:] + delta[8:]])
+
+
+def rows(ranges: Measured) -> Array:
+    """(n, 22): derivatives of what is predicted, by complex steps."""
+    steps = 1j * reference.STEP * np.eye(22)
+    columns = [predicted(perturbed(PLACE_I, d[:11]), perturbed(PLACE_J, d[11:]), ranges).imag for d in steps]
+    return np.array(columns).T / reference.STEP
+
+
+def losses(ranges: Measured, loss: Loss, annealing: float) -> tuple[Array, Array]:
+    """(n,) whitened residuals, and rho, weight and curvature (3, n) of every range."""
+    e = (predicted(PLACE_I, PLACE_J, ranges) - ranges.distance) / ranges.sigma
+    of_ranges = zip(e, ranges.sigma, ranges.late_odds, strict=True)
+    return e, np.array([reference.loss_value(loss, *of_range, annealing) for of_range in of_ranges]).T
+
+
+def measured(n: int, offset: float = 0.0, seed: int = 1) -> Measured:
+    """n ranges with noise, a third of them late by up to 3 m, and all of them off by `offset` (m)."""
+    random = np.random.default_rng(seed)
+
+    def end() -> Antennas:
+        return random.normal(0.0, 4.0, (n, 3)), random.normal(0.0, 0.2, (n, 3)), random.normal(0.0, 1.0, (n, 3))
+
+    sigma = random.uniform(0.05, 0.2, n)
+    ranges = Measured(end(), end(), np.zeros(n), sigma, random.uniform(0.05, 0.5, n), random.uniform(0.1, 2.0, n))
+    detour = np.where(random.random(n) < 0.3, random.uniform(0.3, 3.0, n), 0.0)
+    distance = predicted(PLACE_I, PLACE_J, ranges) + sigma * random.normal(size=n) + detour + offset
+    return ranges._replace(distance=distance)
+
+
+def ends(i: Array = PLACE_I, j: Array = PLACE_J) -> tuple[UserPose, Device, UserPose, Device]:
+    return UserPose(*i[:8]), Device(*i[8:]), UserPose(*j[:8]), Device(*j[8:])
+
+
+def square_root(ranges: Measured, loss: Loss, annealing: float = 1.0) -> tuple[Array, Array]:
+    """A (10, 22) and b (10,)."""
+    root = ranges.block().square_root(*ends(), loss, annealing)
+    assert root.shape == (10, 23)
+    return root[:, :-1], root[:, -1]
+
+
+def test_residuals_are_predicted_minus_measured_one_by_one() -> None:
+    ranges = measured(50)
+    expected = predicted(PLACE_I, PLACE_J, ranges) - ranges.distance
+    np.testing.assert_allclose(ranges.block().residuals(*ends()), expected, atol=1e-12)
+    assert len(ranges.block()) == 50
+
+
+@annealings
+def test_the_cost_takes_each_loss_as_often_as_it_is_worth(loss: Loss, annealing: float) -> None:
+    ranges = measured(60)
+    _, (rho, _, _) = losses(ranges, loss, annealing)
+    assert ranges.block().cost(*ends(), loss, annealing) == pytest.approx(ranges.worth @ rho, rel=1e-12)
+
+
+@annealings
+@offsets
+def test_the_ten_rows_hold_the_gradient_of_the_cost_exactly(loss: Loss, annealing: float, offset: float) -> None:
+    ranges = measured(60, offset)
+    e, (_, weight, _) = losses(ranges, loss, annealing)
+    A, b = square_root(ranges, loss, annealing)
+    expected = rows(ranges).T @ (ranges.worth * weight * e / ranges.sigma)
+    np.testing.assert_allclose(A.T @ b, expected, atol=1e-8 * np.abs(A.T @ b).max())
+
+
+@annealings
+@offsets
+def test_the_ten_rows_hold_the_documented_information(loss: Loss, annealing: float, offset: float) -> None:
+    ranges = measured(60, offset)
+    e, (_, weight, curvature) = losses(ranges, loss, annealing)
+    J = rows(ranges)
+    kept = ranges.worth * np.maximum(curvature, 0.1 * weight) / ranges.sigma**2
+    between = antennas(PLACE_I, ranges.i) - antennas(PLACE_J, ranges.j)
+    length = np.linalg.norm(between, axis=1)
+    bending = ranges.worth * weight * e / ranges.sigma * (1.0 - (between[:, 2] / length) ** 2) / length
+    up = np.zeros(22)
+    up[HEIGHTS] = 1.0, np.exp(PLACE_I[8]), -1.0, -np.exp(PLACE_J[8])
+    expected = J.T @ (kept[:, None] * J) + max(bending.sum(), 0.0) * np.outer(up, up)
+    A, _ = square_root(ranges, loss, annealing)
+    np.testing.assert_allclose(A.T @ A, expected, atol=1e-8 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("bending", [0.0, 7.0])
+def test_bending_that_is_handed_in_stands_for_the_blocks_own(bending: float) -> None:
+    block, up = measured(60, 0.6).block(), np.zeros(22)
+    up[HEIGHTS] = 1.0, np.exp(PLACE_I[8]), -1.0, -np.exp(PLACE_J[8])
+    given, none = (block.square_root(*ends(), LATE, bending=b) for b in (bending, -1.0))
+    expected = none[:, :-1].T @ none[:, :-1] + bending * np.outer(up, up)
+    np.testing.assert_allclose(given[:, :-1].T @ given[:, :-1], expected, atol=1e-8 * np.abs(expected).max())
+    np.testing.assert_allclose(given[:, :-1].T @ given[:, -1], none[:, :-1].T @ none[:, -1], atol=1e-6)
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 10, 11, 511, 512, 513, 512 * 3 + 1])
+def test_any_number_of_ranges_is_squeezed_alike(n: int) -> None:
+    ranges = measured(n)._replace(distance=measured(n).distance + 5.0)  # far too long: no height is bent
+    e = (predicted(PLACE_I, PLACE_J, ranges) - ranges.distance) / ranges.sigma
+    whitened = np.sqrt(ranges.worth)[:, None] * np.column_stack([rows(ranges) / ranges.sigma[:, None], e])
+    found = ranges.block().square_root(*ends(), Squared())
+    expected = whitened.T @ whitened
+    np.testing.assert_allclose(found.T @ found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_who_is_called_i_does_not_matter(loss: Loss) -> None:
+    ranges = measured(60)
+    swapped = ranges._replace(i=ranges.j, j=ranges.i).block()
+    assert swapped.cost(*ends(PLACE_J, PLACE_I), loss) == pytest.approx(ranges.block().cost(*ends(), loss), rel=1e-12)
+    A, b = square_root(ranges, loss)
+    root = swapped.square_root(*ends(PLACE_J, PLACE_I), loss)
+    A_swapped, b_swapped = np.roll(root[:, :-1], 11, axis=1), root[:, -1]
+    np.testing.assert_allclose(A_swapped.T @ A_swapped, A.T @ A, atol=1e-11 * np.abs(A.T @ A).max())
+    np.testing.assert_allclose(A_swapped.T @ b_swapped, A.T @ b, atol=1e-10 * np.abs(A.T @ A).max())
+
+
+def test_a_block_keeps_its_own_copy_of_the_ranges() -> None:
+    ranges = measured(5)
+    block = ranges.block()
+    before = block.residuals(*ends())
+    for column in (*ranges.i, *ranges.j, *ranges[2:]):
+        column += 1.0
+    np.testing.assert_array_equal(block.residuals(*ends()), before)
+
+
+def test_a_device_is_perfect_unless_told_otherwise() -> None:
+    ranges = measured(5)
+    perfect = [UserPose(*PLACE_I[:8]), Device(), UserPose(*PLACE_J[:8]), Device()]
+    i, j = (np.concatenate([place[:8], np.zeros(3)]) for place in (PLACE_I, PLACE_J))
+    np.testing.assert_array_equal(ranges.block().residuals(*perfect), ranges.block().residuals(*ends(i, j)))
+
+
+GOOD = measured(3)
+SHORT, POINTS, NANS = np.ones(2), np.zeros((3, 3)), np.full((3, 3), np.nan)
+NO_POINTS = (np.zeros((0, 3)),) * 3
+BROKEN = {
+    "no range at all": (Measured(NO_POINTS, NO_POINTS, *np.zeros((4, 0))), "at least one"),
+    "an offset missing": (GOOD._replace(i=(np.zeros((2, 3)), POINTS, POINTS)), "antenna"),
+    "a lever missing": (GOOD._replace(j=(POINTS, np.zeros((2, 3)), POINTS)), "levers and velocities must be"),
+    "a velocity missing": (GOOD._replace(i=(POINTS, POINTS, np.zeros((2, 3)))), "levers and velocities must be"),
+    "an offset of NaN": (GOOD._replace(j=(NANS, POINTS, POINTS)), "finite"),
+    "a lever of NaN": (GOOD._replace(i=(POINTS, NANS, POINTS)), "levers and velocities must be finite"),
+    "a velocity of infinity": (GOOD._replace(j=(POINTS, POINTS, POINTS + np.inf)), "must be finite"),
+    "a distance missing": (GOOD._replace(distance=SHORT), "antenna"),
+    "a distance of NaN": (GOOD._replace(distance=np.full(3, np.nan)), "finite"),
+    "a sigma missing": (GOOD._replace(sigma=SHORT), "sigma"),
+    "a sigma of zero": (GOOD._replace(sigma=np.array([0.1, 0.0, 0.1])), "sigma must be positive"),
+    "odds missing": (GOOD._replace(late_odds=SHORT), "late_odds"),
+    "negative odds": (GOOD._replace(late_odds=np.array([0.1, -0.1, 0.1])), "late_odds must not be negative"),
+    "a worth missing": (GOOD._replace(worth=SHORT), "worth"),
+    "a worth of zero": (GOOD._replace(worth=np.array([1.0, 0.0, 1.0])), "worth"),
+    "a negative worth": (GOOD._replace(worth=np.array([1.0, -1.0, 1.0])), "worth"),
+    "a worth of NaN": (GOOD._replace(worth=np.array([1.0, np.nan, 1.0])), "worth"),
+    "a worth of infinity": (GOOD._replace(worth=np.array([1.0, np.inf, 1.0])), "worth"),
+}
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_a_block_refuses(fault: str) -> None:
+    ranges, message = BROKEN[fault]
+    with pytest.raises(ValueError, match=message):
+        ranges.block()
+
+
+@pytest.mark.parametrize("antenna", [np.zeros((3, 2)), np.zeros(3)])
+def test_antennas_have_three_coordinates(antenna: Array) -> None:
+    with pytest.raises(TypeError):
+        GOOD._replace(i=(antenna, antenna, antenna)).block()
+
+
+@pytest.mark.parametrize("annealing", [0.5, np.nan, np.inf])
+def test_a_loss_is_never_narrower_than_it_is(annealing: float) -> None:
+    with pytest.raises(ValueError, match="annealing"):
+        GOOD.block().cost(*ends(), Squared(), annealing)
+    with pytest.raises(ValueError, match="annealing"):
+        GOOD.block().square_root(*ends(), Squared(), annealing)
+
+
+def test_ranges_are_judged_one_by_one() -> None:
+    random = np.random.default_rng(2)
+    e, sigma, odds = random.normal(0.0, 4.0, 80), random.uniform(0.05, 0.3, 80), random.uniform(0.0, 2.0, 80)
+    cost, weight, honest = judge(e, sigma, odds, LATE)
+    alone = np.array([LATE(*of_range) for of_range in zip(e, sigma, odds, strict=True)])
+    np.testing.assert_array_equal(np.column_stack([cost, weight]), alone[:, :2])
+    stray = np.where(e < 0.0, odds, LATE.early_odds) * reference.stray_density(e, sigma, LATE.scale)
+    density = reference.honest_density(e, sigma)
+    np.testing.assert_allclose(honest, density / (density + stray), rtol=1e-12)
+
+
+def test_columns_that_are_judged_are_of_one_length() -> None:
+    for lengths in ((3, 2, 3), (3, 3, 2), (2, 3, 3)):
+        with pytest.raises(ValueError, match="all columns"):
+            judge(*(np.ones(n) for n in lengths), LATE)
+    assert [len(column) for column in judge(*np.zeros((3, 0)), LATE)] == [0, 0, 0]

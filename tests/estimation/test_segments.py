@@ -1,0 +1,111 @@
+"""Long recordings: what is found in a first stretch grows to the same answer as the whole at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.solver_scenes import offs
+
+from synchronizar.data.ranges import Ranges
+from synchronizar.data.recording import Recording
+from synchronizar.data.registration import State
+from synchronizar.data.track import Track
+from synchronizar.estimation.register import register
+from synchronizar.estimation.segments import _first_stretch, coarse_interval
+from synchronizar.parameters import Model
+from synchronizar.preprocessing.range_measurements import samples_of
+from synchronizar.reporting.evaluate import evaluate
+from synchronizar.simulation.simulate import Scene, simulate
+
+SHORT = Model(first_stretch=20.0)
+WHOLE = Model(first_stretch=1000.0)
+
+
+def between(tracks: Mapping[str, Track], others: Mapping[str, Track]) -> float:
+    """RMS distance (m) of two answers laid onto each other: the common frame is the reference's first pose's."""
+    joint = evaluate(tracks, others, next(iter(tracks))).joint_ate
+    assert joint is not None
+    return joint
+
+
+def test_a_walk_of_five_minutes_grows_to_the_answer_it_has_as_a_whole() -> None:
+    simulation = simulate(Scene(users=3, seconds=300.0, drift_m_per_sqrt_s=0.01, drift_rad_per_sqrt_s=0.005, seed=0))
+    recording = simulation.recording
+    grown, whole = register(recording, model=SHORT), register(recording, model=WHOLE)
+    assert between(grown.tracks(recording), whole.tracks(recording)) < 0.1
+    assert evaluate(grown.tracks(recording), simulation.truth, "phone0").joint_ate_xy == pytest.approx(0.0, abs=0.15)
+    assert all(user.state is State.REGISTERED for user in grown.users.values())
+    for name in ("phone1", "phone2"):
+        one, other = (g.users[name].common_from_user for g in (grown, whole))
+        assert one is not None
+        assert other is not None
+        assert one.scale == pytest.approx(other.scale, abs=0.005)
+
+
+def without(recording: Recording, name: str, begin: float, end: float) -> Recording:
+    """A user who is there from begin to end (s) alone."""
+    track, user = recording.tracks[name], recording.index(name)
+    there = (track.t >= begin) & (track.t <= end)
+    r = recording.ranges
+    mine = (r.a == user) | (r.b == user)
+    ranges: Ranges = r.select(~mine | ((r.t >= begin) & (r.t <= end)))
+    kept = Track(track.t[there], track.position[there], track.quat_xyzw[there])
+    return replace(recording, tracks={**recording.tracks, name: kept}, ranges=ranges)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_somebody_who_comes_after_the_first_stretch_is_placed(seed: int) -> None:
+    """Who leaves early keeps the first stretch early: it is where the most users hang together, the earliest such."""
+    simulation = simulate(Scene(users=4, seconds=100.0, seed=seed))
+    recording = without(without(simulation.recording, "phone3", 0.0, 40.0), "phone2", 60.0, 101.0)
+    assert _first_stretch(samples_of(recording, SHORT), 4, 0, SHORT)[1] < 60.0
+    registration, whole = register(recording, model=SHORT), register(recording, model=WHOLE)
+    assert [user.state for user in registration.users.values()] == [user.state for user in whole.users.values()]
+    found = offs(simulation, registration)
+    assert set(found) == {"phone1", "phone2", "phone3"}
+    assert max(found.values()) < 0.3
+    assert between(registration.tracks(recording), whole.tracks(recording)) < 0.1
+    assert registration.ranges.used.mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_reference_that_comes_late_is_where_growing_begins(seed: int) -> None:
+    simulation = simulate(Scene(users=3, seconds=100.0, late_joiners=1, seed=seed))
+    recording = simulation.recording
+    samples = samples_of(recording, SHORT)
+    begin, end = _first_stretch(samples, 3, 2, SHORT)
+    assert end - begin == pytest.approx(20.0)
+    assert end > 50.0
+    registration = register(recording, reference="phone2", model=SHORT)
+    assert all(user.state is State.REGISTERED for user in registration.users.values())
+    assert max(offs(simulation, registration).values()) < 0.3
+    tracks = registration.tracks(recording)
+    assert set(tracks) == {"phone0", "phone1", "phone2"}
+    assert evaluate(tracks, simulation.truth, "phone2").joint_ate_xy == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_pair_that_meets_the_reference_only_after_the_first_stretch_is_tied_all_the_same() -> None:
+    """Two walk with the reference one after the other, never with each other."""
+    simulation = simulate(Scene(users=3, seconds=90.0, seed=1))
+    recording = without(without(simulation.recording, "phone1", 0.0, 44.0), "phone2", 46.0, 91.0)
+    registration = register(recording, model=SHORT)
+    assert max(offs(simulation, registration).values()) < 0.4
+
+
+def test_the_first_stretch_is_the_whole_of_a_recording_of_two() -> None:
+    samples = samples_of(simulate(Scene(seconds=39.0, seed=0)).recording, SHORT)
+    assert _first_stretch(samples, 2, 0, SHORT) == (-np.inf, np.inf)
+    longer = samples_of(simulate(Scene(seconds=42.0, seed=0)).recording, SHORT)
+    begin, end = _first_stretch(longer, 2, 0, SHORT)
+    assert end - begin == pytest.approx(SHORT.first_stretch)
+
+
+def test_keyframes_are_far_apart_while_placements_are_compared() -> None:
+    """Twenty in the first stretch, and none closer than those of the answer."""
+    samples = samples_of(simulate(Scene(seconds=38.0, seed=0)).recording, SHORT)
+    assert coarse_interval(samples, WHOLE) == pytest.approx(float(np.ptp(samples.t)) / 20.0)
+    assert coarse_interval(samples, SHORT) == SHORT.keyframe_interval
+    assert coarse_interval(samples[np.zeros(0, dtype=np.int32)], WHOLE) == WHOLE.keyframe_interval

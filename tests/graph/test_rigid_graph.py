@@ -1,0 +1,238 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from support.reference_kernel import loss_value
+from support.solver_scenes import difference, distances, frames_of, recording_of, rigid_graph, track_of, true_frames
+from support.solver_scenes import register_rigid as register
+
+from synchronizar._core import Late, judge_bursts
+from synchronizar.arrays import Array
+from synchronizar.data.user import User
+from synchronizar.graph.rigid_graph import RigidGraph, blocks_of, height_sigma_of, keys_of
+from synchronizar.parameters import Model
+from synchronizar.preprocessing.range_measurements import Samples, pairs
+from synchronizar.simulation.simulate import Scene, Simulation, simulate
+
+MODEL = Model()
+SQUARED = replace(MODEL, late_share=0.0, early_share=0.0)  # nothing is ever late: the losses are squares
+
+
+def test_squared_is_what_the_loss_becomes_where_nothing_is_late() -> None:
+    recording = simulate(Scene(seed=1)).recording
+    samples, graph = rigid_graph(recording, model=SQUARED)
+    frames = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 2.0, 0.0, 0.5]])
+    e = (distances(samples, frames) - samples.distance) / samples.sigma
+    assert graph.about(frames).cost(graph.values(frames)) == pytest.approx(0.5 * float(e @ e))
+
+
+def height_prior(frames: Array, sigma: Array) -> float:
+    """Half the squared distances to the likeliest level, each over its variance: sigma^2 / 2."""
+    weight = 2.0 / sigma**2
+    level = weight @ frames[:, 2] / weight.sum()
+    return float(0.5 * weight @ (frames[:, 2] - level) ** 2)
+
+
+def noisy(frames: Array, seed: int) -> Array:
+    """Everybody but the first a little displaced."""
+    out = frames + np.random.default_rng(seed).normal(0.0, [0.1, 0.1, 0.2, 0.05], frames.shape)
+    out[0] = 0.0
+    return np.asarray(out)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_cost_is_the_sum_of_the_losses_and_of_the_heights_about_their_level(seed: int) -> None:
+    simulation = simulate(Scene(users=3, static_radios=1, seconds=6.0, late_share=0.3, power=True, seed=seed))
+    samples, graph = rigid_graph(simulation.recording)
+    frames = noisy(true_frames(simulation, "phone0"), seed)
+    late = Late(MODEL.late_scale, MODEL.early_share / (1.0 - MODEL.early_share))
+    e = (distances(samples, frames) - samples.distance) / samples.sigma
+    losses = [loss_value(late, *x)[0] for x in zip(e, samples.sigma, samples.late_odds, strict=True)]
+    expected = sum(losses) + height_prior(frames, np.array([0.15, 0.15, 0.15, 3.0]))
+    values = graph.about(frames).values(frames)
+    assert graph.about(frames).cost(values) == pytest.approx(expected, rel=1e-9)
+    # What the optimiser lowers is the same.
+    assert graph.about(frames).factors().error(values) == pytest.approx(expected, rel=1e-9)
+
+
+def numerical_covariance(graph: RigidGraph, frames: Array) -> Array:
+    """(3 k', 4, 4): the inverse of the cost's Hessian over x, y, z, yaw of all users that are free, block by block."""
+    h = 1e-4
+    free = np.array(graph.free)
+    n = 4 * len(free)
+
+    def cost(step: Array) -> float:
+        moved = frames.copy()
+        moved[free] += step.reshape(-1, 4)
+        return graph.cost(graph.values(moved))
+
+    hessian = np.zeros((n, n))
+    steps = h * np.eye(n)
+    for a in range(n):
+        for b in range(a, n):
+            corners = [cost(s * steps[a] + r * steps[b]) * s * r for s in (1, -1) for r in (1, -1)]
+            hessian[a, b] = hessian[b, a] = sum(corners) / (4.0 * h * h)
+    covariance = np.linalg.inv(hessian)
+    return np.array([covariance[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] for k in range(len(free))])
+
+
+@pytest.mark.parametrize("reference", [0, 1])
+@pytest.mark.parametrize("seed", [2, 3])
+def test_covariances_are_those_of_x_y_z_in_the_common_axes_and_yaw(seed: int, reference: int) -> None:
+    simulation = simulate(Scene(users=3, seconds=5.0, sigma=0.0, height_bob=0.2, seed=seed))
+    _, graph = rigid_graph(simulation.recording, reference, SQUARED)
+    frames = true_frames(simulation, f"phone{reference}")
+    graph = graph.about(frames)
+    found = graph.covariances(graph.values(frames))
+    expected = numerical_covariance(graph, frames)
+    for u, covariance in zip(graph.free, expected, strict=True):
+        sigma = np.sqrt(np.diag(covariance))
+        np.testing.assert_allclose(found[u] / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=5e-3)
+
+
+def settle(graph: RigidGraph, frames: Array) -> Array:
+    values = gtsam.LevenbergMarquardtOptimizer(graph.factors(), graph.values(frames)).optimize()
+    return graph.frames(values)
+
+
+def redrawn(samples: Samples, frames: Array, noise: Array) -> Samples:
+    return replace(samples, distance=distances(samples, frames) + noise)
+
+
+def test_estimates_from_400_redraws_of_the_noise_scatter_as_the_covariance_says() -> None:
+    simulation = simulate(Scene(users=3, seconds=6.0, height_bob=0.15, seed=5))
+    samples, graph = rigid_graph(simulation.recording, model=SQUARED)
+    frames = true_frames(simulation, "phone0")
+    frames[:, 2] = 0.0  # where the prior has them, so that it pulls to no side
+    true = distances(samples, frames)
+    random = np.random.default_rng(0)
+    errors = []
+    for _ in range(400):
+        drawn = replace(samples, distance=true + random.normal(0.0, 0.1, len(samples)))
+        of_draw = RigidGraph(blocks_of(drawn), graph.users, [0, 1, 2], 0, SQUARED).about(frames)
+        errors.append(difference(settle(of_draw, frames), frames))
+    clean = RigidGraph(blocks_of(replace(samples, distance=true)), graph.users, [0, 1, 2], 0, SQUARED).about(frames)
+    covariances = clean.covariances(clean.values(frames))
+    plane = [0, 1, 3]
+    for u in (1, 2):
+        found = np.cov(np.array(errors)[:, u, plane].T)
+        whiten = np.linalg.inv(np.linalg.cholesky(covariances[u][np.ix_(plane, plane)]))
+        ratios = np.linalg.eigvalsh(whiten @ found @ whiten.T)
+        # Marchenko and Pastur: (1 +- sqrt(3 / 400))^2 is 0.83 to 1.18.
+        assert ratios.min() > 0.78
+        assert ratios.max() < 1.24
+
+
+def lonely(*users: User) -> RigidGraph:
+    """Users that know of each other only what is known of anybody."""
+    return RigidGraph([], users, list(range(len(users))), 0, MODEL)
+
+
+def test_before_any_range_two_equal_devices_lie_one_height_sigma_apart() -> None:
+    graph = lonely(User("a"), User("b"))
+    covariance = graph.covariances(graph.values(np.zeros((2, 4))))[1]
+    np.testing.assert_allclose(np.diag(covariance), graph.prior_variances(1))
+    assert covariance[2, 2] == pytest.approx(MODEL.height_sigma**2)
+    assert covariance[3, 3] == pytest.approx(MODEL.yaw_sigma**2)
+    assert covariance[0, 0] == pytest.approx(MODEL.place_sigma**2)
+
+
+def test_before_any_range_all_users_have_their_prior_variances() -> None:
+    graph = lonely(User("a"), User("b", height_sigma=0.5), User("c", static=True), User("d", True, 0.01))
+    found = graph.covariances(graph.values(np.zeros((4, 4))))
+    for u, sigma in ((1, 0.5), (2, MODEL.static_height_sigma), (3, 0.01)):
+        np.testing.assert_allclose(np.diag(found[u]), graph.prior_variances(u))
+        assert found[u][2, 2] == pytest.approx(0.5 * (MODEL.height_sigma**2 + sigma**2))
+    assert height_sigma_of(User("d", True, 0.01), MODEL) == 0.01
+
+
+def test_the_reference_is_exact_and_who_is_not_placed_has_no_covariance() -> None:
+    graph = RigidGraph([], (User("a"), User("b"), User("c")), [0, 2], 2, MODEL)
+    found = graph.covariances(graph.values(np.zeros((3, 4))))
+    np.testing.assert_array_equal(found[2], 0.0)
+    assert np.isnan(found[1]).all()
+    assert np.isfinite(found[0]).all()
+    frames = graph.frames(graph.values(np.zeros((3, 4))))
+    np.testing.assert_array_equal(np.isnan(frames[:, 0]), [False, True, False])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_who_is_the_reference_changes_no_frame_relative_to_another(seed: int) -> None:
+    recording = simulate(Scene(users=3, static_radios=1, seconds=12.0, height_bob=0.2, seed=seed)).recording
+    answers = [register(recording, reference=name) for name in ("phone0", "phone1", "phone2")]
+    for a in ("phone0", "phone1", "phone2"):
+        for b in ("phone0", "phone1", "phone2", "radio0"):
+            frames = [answer.between(a, b) for answer in answers]
+            for f in frames[1:]:
+                np.testing.assert_allclose(f.translation, frames[0].translation, atol=1e-3)
+                turned = np.remainder(f.yaw - frames[0].yaw + np.pi, 2.0 * np.pi) - np.pi
+                assert abs(turned) < 1e-3 or b == "radio0"
+
+
+def late_walk(seed: int) -> Simulation:
+    return simulate(Scene(users=3, seconds=12.0, late_share=0.3, late_burst_s=2.0, seed=seed))
+
+
+def test_bursts_cost_what_each_pair_s_chain_and_the_heights_cost() -> None:
+    simulation = late_walk(1)
+    samples, graph = rigid_graph(simulation.recording)
+    frames = noisy(true_frames(simulation, "phone0"), 1)
+    graph = graph.about(frames)
+    e = (distances(samples, frames) - samples.distance) / samples.sigma
+    late = Late(MODEL.late_scale, MODEL.early_share / (1.0 - MODEL.early_share))
+    chains = 0.0
+    for pair in pairs(samples):
+        s = pair.samples
+        chains += judge_bursts(
+            samples.t[s], e[s], samples.sigma[s], samples.late_odds[s], late, MODEL.late_share, MODEL.late_duration
+        )[1]
+    _, cost = graph.with_bursts(graph.values(frames))
+    assert cost == pytest.approx(chains + height_prior(frames, np.full(3, MODEL.height_sigma)), rel=1e-9)
+
+
+def test_ranges_within_a_burst_become_suspicious_and_the_others_trusted() -> None:
+    simulation = late_walk(2)
+    samples, graph = rigid_graph(simulation.recording)
+    frames = true_frames(simulation, "phone0")
+    values = graph.values(frames)
+    before = graph.honest(values)
+    judged, _ = graph.with_bursts(values)
+    late = simulation.late[samples.row]
+    assert judged.honest(values)[late].mean() < before[late].mean()
+    assert judged.honest(values)[~late].mean() > before[~late].mean()
+    np.testing.assert_array_equal(graph.honest(values), before)  # the graph itself stays as it was
+
+
+def test_judging_bursts_twice_at_the_same_place_changes_nothing() -> None:
+    simulation = late_walk(3)
+    _, graph = rigid_graph(simulation.recording)
+    values = graph.values(true_frames(simulation, "phone0"))
+    once, cost = graph.with_bursts(values)
+    twice, again = once.with_bursts(values)
+    assert again == cost
+    np.testing.assert_array_equal(once.honest(values), twice.honest(values))
+
+
+def test_residuals_are_measured_minus_predicted_in_the_order_of_the_samples() -> None:
+    simulation = late_walk(4)
+    samples, graph = rigid_graph(simulation.recording)
+    frames = noisy(true_frames(simulation, "phone0"), 4)
+    residuals = graph.residuals(graph.values(frames))
+    np.testing.assert_allclose(residuals, samples.distance - distances(samples, frames), atol=1e-9)
+
+
+def test_frames_and_values_are_each_other_s_inverse() -> None:
+    graph = lonely(User("a"), User("b"), User("c"))
+    frames = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, -2.0, 0.3, 3.0], [5.0, 0.5, -0.1, -3.0]])
+    values = graph.values(frames)
+    np.testing.assert_allclose(graph.frames(values), frames)
+    assert values.atDouble(keys_of(1).height) == 0.3
+
+
+def test_the_reference_alone_makes_an_empty_graph() -> None:
+    recording = recording_of({"a": track_of(np.arange(3.0), np.zeros((3, 3)))}, [])
+    answer = register(recording)
+    np.testing.assert_array_equal(frames_of(answer), np.zeros((1, 4)))
