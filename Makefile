@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CORE_SOURCES := $(wildcard factors/*.cpp firmware/core/*.c firmware/sim/*.cpp firmware/targets/host/*.cpp)
-CORE := CMakeLists.txt firmware/CMakeLists.txt $(CORE_SOURCES) $(wildcard $(addsuffix /*.h,factors firmware/core firmware/sim firmware/targets/host))
+CORE := CMakeLists.txt firmware/CMakeLists.txt bindings/bindings.cpp $(CORE_SOURCES) $(wildcard $(addsuffix /*.h,factors firmware/core firmware/sim firmware/targets/host))
 CORE_TESTS := $(wildcard tests/cpp/* firmware/tests/*.[ch] firmware/tests/*/*.[ch] firmware/tests/*/*.cpp)
 CTEST := build/ctest
 
@@ -35,7 +35,7 @@ lint: $(VENV)/linted-with $(CTEST)/built
 	$(BIN)/mypy
 	$(BIN)/clang-format --dry-run --Werror $(filter-out %.txt,$(CORE) $(CORE_TESTS)) \
 		$(wildcard firmware/targets/esp-idf/*/*.[ch] firmware/targets/esp-idf/*/*/*.[ch])
-	printf '%s\n' $(filter-out factors/bindings.cpp,$(CORE_SOURCES)) | xargs -P 2 -n 2 $(BIN)/clang-tidy --quiet -p $(CTEST)
+	printf '%s\n' $(CORE_SOURCES) | xargs -P 2 -n 2 $(BIN)/clang-tidy --quiet -p $(CTEST)
 	if tools/have.sh cppcheck; then cppcheck --quiet --enable=warning,performance,portability,style --error-exitcode=1 \
 		-I firmware/core firmware/core firmware/targets/esp-idf; fi
 

@@ -27,7 +27,7 @@ inline double curvature_root(const LossValue& value) {
 // What a loss may know of a range besides its residual.
 struct RangeTraits {
   double sigma;      // m
-  double late_odds;  // P(late) / P(not late), before its residual is known
+  double nlos_odds;  // P(late) / P(not late), before its residual is known
 };
 
 struct Squared {
@@ -67,14 +67,14 @@ struct GemanMcClure {
 //   a = odds sqrt(2 pi) (2 / pi) sigma / scale
 // the cost is the negative logarithm of the mixture over its value at 0,
 //   rho = -log((exp(-e^2 / 2) + a / (1 + (e sigma / scale)^2)) / (1 + a)),   a by the sign of e.
-struct Late {
+struct NlosMixture {
   double scale;       // m
   double early_odds;  // P(garbage that is too short) / P(honest)
 
   // The ratio of both densities at e = 0.
   double background(double e, const RangeTraits& range) const {
     constexpr double kDensities = 1.5957691216057308;  // sqrt(2 pi) 2 / pi
-    return kDensities * (e < 0.0 ? range.late_odds : early_odds) * range.sigma / scale;
+    return kDensities * (e < 0.0 ? range.nlos_odds : early_odds) * range.sigma / scale;
   }
 
   LossValue operator()(double e, const RangeTraits& range) const {
@@ -82,16 +82,16 @@ struct Late {
     if (a == 0.0) return Squared{}(e, range);  // the mixture is the honest density, which underflows far out
     const double s2 = range.sigma * range.sigma / (scale * scale);
     const double tail = 1.0 / (1.0 + e * e * s2);
-    const double honest = std::exp(-0.5 * e * e);
+    const double inlier = std::exp(-0.5 * e * e);
     const double odd = a * tail;
-    const double density = honest + odd;
-    const double weight = (honest + 2.0 * s2 * tail * odd) / density;
-    const double bend = (honest + 8.0 * s2 * s2 * tail * tail * odd) / density;
+    const double density = inlier + odd;
+    const double weight = (inlier + 2.0 * s2 * tail * odd) / density;
+    const double bend = (inlier + 8.0 * s2 * s2 * tail * tail * odd) / density;
     return {std::log((1.0 + a) / density), weight, weight + e * e * (weight * weight - bend)};
   }
 
   // The probability that the range is honest, given its residual.
-  double honest(double e, const RangeTraits& range) const {
+  double inlier_probability(double e, const RangeTraits& range) const {
     const double s = range.sigma / scale;
     const double odd = background(e, range) / (1.0 + e * e * s * s);
     if (odd == 0.0) return 1.0;
@@ -100,7 +100,7 @@ struct Late {
   }
 };
 
-using LossKind = std::variant<Squared, Huber, Cauchy, GemanMcClure, Late>;
+using LossKind = std::variant<Squared, Huber, Cauchy, GemanMcClure, NlosMixture>;
 
 // A loss and how far it is annealed.
 struct Loss {

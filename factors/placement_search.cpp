@@ -34,7 +34,7 @@ struct Problem {
   const Points& own;
   const Column& measured;
   const Column& sigma;
-  const Column& late_odds;
+  const Column& nlos_odds;
   const SearchOptions& options;
 };
 
@@ -218,7 +218,7 @@ double cost(const Problem& p, const Kind& loss, const Placement& at, const std::
   double sum = height_cost(at.z, p.options.height_sigma);
   for (const int n : pick) {
     const Line line(p.known.row(n), common_from_user(p.own.row(n)));
-    sum += loss((line.distance - p.measured[n]) / p.sigma[n], {p.sigma[n], p.late_odds[n]}).rho;
+    sum += loss((line.distance - p.measured[n]) / p.sigma[n], {p.sigma[n], p.nlos_odds[n]}).rho;
   }
   return sum;
 }
@@ -242,7 +242,7 @@ void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, co
     for (const int n : pick) {
       const Line line(p.known.row(n), common_from_user(p.own.row(n)));
       const double e = (line.distance - p.measured[n]) / p.sigma[n];
-      const double weight = loss(e, {p.sigma[n], p.late_odds[n]}).weight;
+      const double weight = loss(e, {p.sigma[n], p.nlos_odds[n]}).weight;
       Eigen::Vector4d row = -line.coordinates() / p.sigma[n];
       row[3] = p.options.has_yaw
                    ? row[3] - (line.direction.x() * pivot.y() - line.direction.y() * pivot.x()) / p.sigma[n]
@@ -279,9 +279,9 @@ void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, co
 }  // namespace
 
 std::vector<Placement> search_placements(const Points& known, const Points& own, const Column& measured,
-                                         const Column& sigma, const Column& late_odds,
+                                         const Column& sigma, const Column& nlos_odds,
                                          const SearchOptions& options) {
-  const Problem p{known, own, measured, sigma, late_odds, options};
+  const Problem p{known, own, measured, sigma, nlos_odds, options};
   const int n = static_cast<int>(measured.size());
 
   const std::vector<int> corner_rows = even_selection(n, kCorners);

@@ -23,7 +23,7 @@ namespace synchronizar {
 struct SearchOptions {
   double height_sigma;     // m, of the user's origin about 0
   bool has_yaw;            // false for a radio whose only point is its origin
-  Late loss;               // what the ranges' errors are like
+  NlosMixture loss;        // what the ranges' errors are like
   double apart;            // m: placements that move no antenna by more are the same
   int most_candidates;     // refined ones
   int most_ranges;         // beyond, an even selection is searched; the cost is always that of all
@@ -39,7 +39,7 @@ struct Placement {
 // common frame, `own` the user's antennas q_n in its own frame, N distances, sigmas and odds of being late. N
 // >= 1.
 std::vector<Placement> search_placements(const Points& known, const Points& own, const Column& measured,
-                                         const Column& sigma, const Column& late_odds,
+                                         const Column& sigma, const Column& nlos_odds,
                                          const SearchOptions& options);
 
 }  // namespace synchronizar

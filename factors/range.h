@@ -76,7 +76,7 @@ struct Line {
 
   // What the line's own bending adds to a cost's second derivative in the difference in height, where the
   // cost has this slope in the distance.
-  double bending(double slope) const {
+  double height_curvature(double slope) const {
     const double level = 1.0 - direction.z() * direction.z();
     return distance > 0.0 ? slope * level / distance : 0.0;
   }

@@ -7,16 +7,16 @@
 
 namespace synchronizar {
 
-RangeBlock::RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column late_odds)
+RangeBlock::RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column nlos_odds)
     : o_i_(std::move(o_i)),
       o_j_(std::move(o_j)),
       measured_(std::move(measured)),
       sigma_(std::move(sigma)),
-      late_odds_(std::move(late_odds)) {}
+      nlos_odds_(std::move(nlos_odds)) {}
 
-RangeBlock RangeBlock::with_late_odds(Column late_odds) const {
+RangeBlock RangeBlock::with_nlos_odds(Column nlos_odds) const {
   RangeBlock out = *this;
-  out.late_odds_ = std::move(late_odds);
+  out.nlos_odds_ = std::move(nlos_odds);
   return out;
 }
 
@@ -84,7 +84,7 @@ RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose
           auto row = rows.next();
           row.template head<4>() = root / sigma_[n] * line.coordinates().transpose();
           row[4] = slope / root;
-          bends += line.bending(slope / sigma_[n]);
+          bends += line.height_curvature(slope / sigma_[n]);
         });
       },
       loss.kind);
@@ -97,14 +97,14 @@ RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose
   return out;
 }
 
-double RangeBlock::height_bending(const UserPose& i, const UserPose& j, const Loss& loss) const {
+double RangeBlock::height_curvature(const UserPose& i, const UserPose& j, const Loss& loss) const {
   double sum = 0.0;
   std::visit(
       [&](const auto& kind) {
         for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
           const double e = (line.distance - measured_[n]) / sigma_[n];
           const double slope = annealed(kind, loss.annealing, e, traits(n)).weight * e;
-          sum += line.bending(slope / sigma_[n]);
+          sum += line.height_curvature(slope / sigma_[n]);
         });
       },
       loss.kind);
@@ -124,10 +124,10 @@ Column RangeBlock::weights(const UserPose& i, const UserPose& j, const Loss& los
   return out;
 }
 
-Column RangeBlock::honest(const UserPose& i, const UserPose& j, const Late& late) const {
+Column RangeBlock::inlier_probability(const UserPose& i, const UserPose& j, const NlosMixture& nlos) const {
   Column out(size());
   for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
-    out[n] = late.honest((line.distance - measured_[n]) / sigma_[n], traits(n));
+    out[n] = nlos.inlier_probability((line.distance - measured_[n]) / sigma_[n], traits(n));
   });
   return out;
 }

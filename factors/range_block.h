@@ -17,10 +17,10 @@ class RangeBlock {
  public:
   // N antenna positions of each user in its local frame (m), N measured distances (m), their sigmas (m, > 0)
   // and their odds of being late (>= 0). The caller has checked the shapes.
-  RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column late_odds);
+  RangeBlock(Points o_i, Points o_j, Column measured, Column sigma, Column nlos_odds);
 
   // The same ranges with other odds of being late, N of them.
-  RangeBlock with_late_odds(Column late_odds) const;
+  RangeBlock with_nlos_odds(Column nlos_odds) const;
 
   Eigen::Index size() const { return measured_.size(); }
 
@@ -49,21 +49,21 @@ class RangeBlock {
 
   // The part of the cost's second derivative in the difference in height that the ranges' own bending makes,
   // whatever its sign: the sum of rho' (1 - e_z^2) / (d sigma). `square_root` has it where it is positive.
-  double height_bending(const UserPose& i, const UserPose& j, const Loss& loss) const;
+  double height_curvature(const UserPose& i, const UserPose& j, const Loss& loss) const;
 
   // The weight (without 1 / sigma^2) that the loss gives each range at this placement.
   Column weights(const UserPose& i, const UserPose& j, const Loss& loss) const;
 
   // The probability that each range is honest at this placement.
-  Column honest(const UserPose& i, const UserPose& j, const Late& late) const;
+  Column inlier_probability(const UserPose& i, const UserPose& j, const NlosMixture& nlos) const;
 
  private:
   template <class Visit>
   void for_each_line(const UserPose& i, const UserPose& j, Visit visit) const;
-  RangeTraits traits(Eigen::Index n) const { return {sigma_[n], late_odds_[n]}; }
+  RangeTraits traits(Eigen::Index n) const { return {sigma_[n], nlos_odds_[n]}; }
 
   Points o_i_, o_j_;
-  Column measured_, sigma_, late_odds_;
+  Column measured_, sigma_, nlos_odds_;
 };
 
 }  // namespace synchronizar

@@ -18,7 +18,7 @@ class UserPose:
     ) -> None: ...
 
 class _Loss:
-    def __call__(self, e: float, sigma: float = 1.0, late_odds: float = 0.0) -> tuple[float, float, float]:
+    def __call__(self, e: float, sigma: float = 1.0, nlos_odds: float = 0.0) -> tuple[float, float, float]:
         """(rho, weight, curvature) of a whitened residual e = (predicted - measured) / sigma."""
 
 class Squared(_Loss): ...
@@ -38,7 +38,7 @@ class GemanMcClure(_Loss):
     @property
     def k(self) -> float: ...
 
-class Late(_Loss):
+class NlosMixture(_Loss):
     """Honest, or late by a detour of about `scale` m; too short only by garbage, with odds `early_odds`."""
 
     def __init__(self, scale: float, early_odds: float) -> None: ...
@@ -47,12 +47,12 @@ class Late(_Loss):
     @property
     def early_odds(self) -> float: ...
 
-Loss = Squared | Huber | Cauchy | GemanMcClure | Late
+Loss = Squared | Huber | Cauchy | GemanMcClure | NlosMixture
 
 class RangeBlock:
     """n ranges between the antennas of the same two users, evaluated in one call."""
 
-    def __init__(self, o_i: Array, o_j: Array, measured: Array, sigma: Array, late_odds: Array) -> None:
+    def __init__(self, o_i: Array, o_j: Array, measured: Array, sigma: Array, nlos_odds: Array) -> None:
         """Antennas (n, 3), each in its user's local frame; distances, sigmas and odds of being late (n,)."""
 
     def __len__(self) -> int: ...
@@ -68,19 +68,19 @@ class RangeBlock:
         A quadratic model of the cost: its gradient is exact (factors/range_block.h).
         """
 
-    def height_bending(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> float:
+    def height_curvature(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> float:
         """1/m^2: what the ranges' own bending adds to the cost's second derivative in the difference in height."""
 
     def weights(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:
         """(n,) the weight that the loss gives each range, without 1 / sigma^2."""
 
-    def with_late_odds(self, late_odds: Array) -> RangeBlock:
+    def with_nlos_odds(self, nlos_odds: Array) -> RangeBlock:
         """The same ranges with other odds (n,) of being late."""
 
-    def honest(self, i: UserPose, j: UserPose, loss: Late) -> Array:
+    def inlier_probability(self, i: UserPose, j: UserPose, loss: NlosMixture) -> Array:
         """(n,) the probability that each range is honest, given its residual."""
 
-class Device:
+class Calibration:
     """What is wrong with a device: log of its scale, its radio's bias (m), its clock (s) beyond what is assumed."""
 
     def __init__(self, log_scale: float = 0.0, range_bias: float = 0.0, clock_offset: float = 0.0) -> None: ...
@@ -88,22 +88,24 @@ class Device:
 Antennas = tuple[Array, Array, Array]
 """(n, 3) each, in the axes of a keyframe: offset from it in SLAM's lengths, lever arm (m), velocity (m/s)."""
 
-class DeviceBlock:
+class CalibratedRangeBlock:
     """n ranges between the same two keyframes of two devices that are not perfect (factors/device_range.h)."""
 
-    def __init__(self, i: Antennas, j: Antennas, measured: Array, sigma: Array, late_odds: Array, worth: Array) -> None:
+    def __init__(
+        self, i: Antennas, j: Antennas, measured: Array, sigma: Array, nlos_odds: Array, range_weight: Array
+    ) -> None:
         """Distances, sigmas, odds of being late (n,), and as how many ranges each one counts."""
 
     def __len__(self) -> int: ...
-    def residuals(self, pose_i: UserPose, device_i: Device, pose_j: UserPose, device_j: Device) -> Array:
+    def residuals(self, pose_i: UserPose, device_i: Calibration, pose_j: UserPose, device_j: Calibration) -> Array:
         """(n,) predicted minus measured."""
 
     def cost(
         self,
         pose_i: UserPose,
-        device_i: Device,
+        device_i: Calibration,
         pose_j: UserPose,
-        device_j: Device,
+        device_j: Calibration,
         loss: Loss,
         annealing: float = 1.0,
     ) -> float:
@@ -112,23 +114,23 @@ class DeviceBlock:
     def square_root(
         self,
         pose_i: UserPose,
-        device_i: Device,
+        device_i: Calibration,
         pose_j: UserPose,
-        device_j: Device,
+        device_j: Calibration,
         loss: Loss,
         annealing: float = 1.0,
-        bending: float | None = None,
+        height_curvature: float | None = None,
     ) -> Array:
         """(10, 23): rows over i's F (3), H, X (3), Z, log scale, bias, clock, then j's, then the residual.
 
-        `bending` (1/m^2) stands for that of the block's own ranges in height (factors/device_block.h).
+        `height_curvature` (1/m^2) stands for that of the block's own ranges in height (factors/device_block.h).
         """
 
-def judge(whitened: Array, sigma: Array, late_odds: Array, loss: Late) -> tuple[Array, Array, Array]:
+def mixture_terms(whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture) -> tuple[Array, Array, Array]:
     """(n,) each: cost, weight and probability of being honest of ranges with these residuals."""
 
-def judge_bursts(
-    t: Array, whitened: Array, sigma: Array, late_odds: Array, loss: Late, share: float, mean_duration: float
+def burst_nlos_odds(
+    t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, share: float, mean_duration: float
 ) -> tuple[Array, float]:
     """(n,) odds of being late that each range's neighbours in time speak for, and the chain's negative log likelihood.
 
@@ -158,10 +160,10 @@ def search_placements(
     own: Array,
     measured: Array,
     sigma: Array,
-    late_odds: Array,
+    nlos_odds: Array,
     height_sigma: float,
     has_yaw: bool,
-    loss: Late,
+    loss: NlosMixture,
     apart: float,
     most_candidates: int,
     most_ranges: int,

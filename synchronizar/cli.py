@@ -221,7 +221,7 @@ def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
         else:
             from synchronizar.estimation.register import register
 
-            registration = register(recording, options.reference, kind=options.model or "full")
+            registration = register(recording, options.reference, model=options.model or "full")
     return recording, replace(registration, seconds={**registration.seconds, "load": loaded})
 
 

@@ -7,11 +7,11 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-Portions = Generator[None, None, T]
+Cooperative = Generator[None, None, T]
 """Yields after each portion, and returns what it was for."""
 
 
-def finish(work: Portions[T]) -> T:
+def finish(work: Cooperative[T]) -> T:
     """All portions that are left, one after the other."""
     while True:
         try:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Model:
+class Parameters:
     """What is known of radios, people and SLAM before anything was measured; lengths m, angles rad, times s."""
 
     # What a range is like

@@ -136,7 +136,7 @@ def later():
     }
     assert folder_named("synchronizar.io.tum.read_tum") == "io"
     assert folder_named("synchronizar.geometry") == "base"
-    assert folder_named("synchronizar._core.judge") == "base"
+    assert folder_named("synchronizar._core.mixture_terms") == "base"
     assert folder_named("synchronizar.cli") == "face"
     assert folder_named("synchronizar.State") == "face"
     assert folder_named("numpy.linalg") is None

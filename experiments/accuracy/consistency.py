@@ -32,7 +32,7 @@ from synchronizar.data.registration import Registration, State, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame, wrap_angle
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.evaluate import Matched, align, match, read_tracks
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
@@ -68,7 +68,7 @@ JOINT = "joint"
 
 def scene_of(task: Task) -> Scene:
     """A walk as the default model takes it."""
-    m = Model()
+    m = Parameters()
     return Scene(
         users=task.users,
         seconds=task.seconds,
@@ -94,8 +94,8 @@ def squares_of(task: Task) -> list[Squares]:
         world_from_user = simulation.world_from_user[name]
         e = _difference(user.common_from_user, to_common @ world_from_user)
         squares = {"x y yaw": _square(user, e, [0, 1, 3]), "x y z yaw": _square(user, e, [0, 1, 2, 3])}
-        if user.device_sigma is not None and user.clock_offset is not None:
-            sigma = user.device_sigma
+        if user.calibration_sigma is not None and user.clock_offset is not None:
+            sigma = user.calibration_sigma
             scale, clock = user.common_from_user.scale, user.clock_offset
             squares["scale"] = ((scale - world_from_user.scale) / sigma.scale) ** 2
             squares["bias"] = ((user.range_bias - simulation.range_bias[name]) / sigma.range_bias) ** 2

@@ -19,7 +19,7 @@ from experiments.common.walks import on_all_cores
 from synchronizar.data.recording import Recording
 from synchronizar.estimation.register import register
 from synchronizar.io.registration_folder import write_registration
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.evaluate import evaluate_folder
 
 _NONE = 1e-5  # a sigma that is as good as none
@@ -68,7 +68,7 @@ def row_of(task: Task) -> dict[str, Any]:
     recording = Recording.load(folder)
     kind: Literal["full", "rigid"] = "rigid" if effect == RIGID else "full"
     began = perf_counter()
-    registration = register(recording, model=replace(Model(), **OFF.get(effect, {})), kind=kind)
+    registration = register(recording, parameters=replace(Parameters(), **OFF.get(effect, {})), model=kind)
     seconds = perf_counter() - began
     with tempfile.TemporaryDirectory() as out:
         write_registration(registration, recording, out)

@@ -105,7 +105,7 @@ def walk(task: Task) -> Walk:
     others = [user.name for user in recording.users if user.name != reference]
     rigid = None
     if task.name == "clean":
-        tracks = register(recording, reference, kind="rigid").tracks(recording)
+        tracks = register(recording, reference, model="rigid").tracks(recording)
         rigid = last_errors(last_poses(tracks), truth, others)
     return Walk(
         task,

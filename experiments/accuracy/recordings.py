@@ -23,7 +23,7 @@ def row_of(folder: Path, kind: Literal["full", "rigid"]) -> dict[str, Any]:
     """What becomes of one recording."""
     began = perf_counter()
     recording = Recording.load(folder)
-    registration = register(recording, kind=kind)
+    registration = register(recording, model=kind)
     seconds = perf_counter() - began
     with tempfile.TemporaryDirectory() as out:
         write_registration(registration, recording, out)

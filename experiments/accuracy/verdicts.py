@@ -19,7 +19,7 @@ from experiments.common.walks import on_all_cores, oracle
 from synchronizar.data.registration import State
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
@@ -72,12 +72,12 @@ def scene_of(seed: int) -> tuple[str, Scene]:
     return kind, scene
 
 
-def judge(seed_and_model: tuple[int, Literal["full", "rigid"]]) -> list[Verdict]:
+def mixture_terms(seed_and_model: tuple[int, Literal["full", "rigid"]]) -> list[Verdict]:
     """Every user's verdict in one scene, beside the truth."""
     seed, model = seed_and_model
     kind, scene = scene_of(seed)
     simulation = simulate(scene)
-    registration = register(simulation.recording, kind=model)
+    registration = register(simulation.recording, model=model)
     out = []
     for name, user in registration.users.items():
         if name != registration.reference:
@@ -102,8 +102,8 @@ def told(task: tuple[int, int, float, Literal["full", "rigid"]]) -> list[bool]:
     """Of the users that maximum likelihood places well after 8 s of free walking: which are registered."""
     seed, users, late, model = task
     simulation = simulate(Scene(users=users, seconds=8.0, seed=seed, late_share=late))
-    registration = register(simulation.recording, kind=model)
-    best = oracle(simulation, registration.reference, Model())
+    registration = register(simulation.recording, model=model)
+    best = oracle(simulation, registration.reference, Parameters())
     well = np.hypot(best.error[:, 0], best.error[:, 1]) < PLACED
     return [
         user.state is State.REGISTERED
@@ -120,7 +120,9 @@ def main() -> None:
     parser.add_argument("--model", choices=["full", "rigid"], default="rigid")
     options = parser.parse_args()
     judged = [
-        v for scene in on_all_cores(judge, [(seed, options.model) for seed in range(options.scenes)]) for v in scene
+        v
+        for scene in on_all_cores(mixture_terms, [(seed, options.model) for seed in range(options.scenes)])
+        for v in scene
     ]
     print(write_table(f"verdicts_{options.model}", [_row(kind, judged) for kind in (*KINDS, "all")], vars(options)))
     for v in judged:

@@ -22,12 +22,12 @@ from synchronizar.geometry import (
     yaw_of_quaternions,
 )
 from synchronizar.graph.optimization import optimize
-from synchronizar.graph.pose_graph import AnchoredGraph
-from synchronizar.graph.states import CLOCK, Walks, common_track
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.keyframes import STANDING, keyframes_of
-from synchronizar.preprocessing.range_measurements import samples_of
-from synchronizar.preprocessing.relocalizations import mend
+from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.states import CLOCK, States, common_track
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, keyframes_of
+from synchronizar.preprocessing.range_measurements import range_measurements
+from synchronizar.preprocessing.relocalizations import repair_relocalizations
 from synchronizar.simulation.simulate import Simulation
 
 _KNOWN = 1e-4  # a sigma that is next to nothing
@@ -66,9 +66,9 @@ def last_errors(poses: Mapping[str, Array], truth: Mapping[str, Array], names: l
     return out
 
 
-def model_of_scene(simulation: Simulation) -> Model:
+def model_of_scene(simulation: Simulation) -> Parameters:
     """The model that a scene was drawn from: what it has none of is as by default."""
-    scene, model = simulation.scene, Model()
+    scene, model = simulation.scene, Parameters()
     if scene.drift_m_per_sqrt_s > 0.0:
         model = replace(model, drift_m_per_sqrt_s=scene.drift_m_per_sqrt_s, drift_m_per_sqrt_m=_KNOWN)
     if scene.drift_rad_per_sqrt_s > 0.0:
@@ -92,15 +92,17 @@ def oracle(simulation: Simulation, reference: str) -> dict[str, Track]:
     every range worth 1 and every step of SLAM believed alike; jumps are mended as there.
     """
     model, recording = model_of_scene(simulation), simulation.recording
-    mended = {name: mend(track, model) for name, track in recording.tracks.items()}
+    mended = {name: repair_relocalizations(track, model) for name, track in recording.tracks.items()}
     smooth = replace(recording, tracks={name: of_user.track for name, of_user in mended.items()})
-    samples = samples_of(smooth, model)
+    samples = range_measurements(smooth, model)
     samples = samples[np.flatnonzero(~simulation.late[samples.row]).astype(np.int32)]
-    samples = replace(samples, late_odds=np.zeros(len(samples)))
+    samples = replace(samples, nlos_odds=np.zeros(len(samples)))
     users = recording.users
-    keyframes = [STANDING if u.static else keyframes_of(mended[u.name], model.keyframe_interval, model) for u in users]
+    keyframes = [
+        STATIC_KEYFRAME if u.static else keyframes_of(mended[u.name], model.keyframe_interval, model) for u in users
+    ]
     ref = recording.index(reference)
-    graph = AnchoredGraph(smooth, samples, keyframes, list(range(len(users))), ref, model)
+    graph = PoseGraph(smooth, samples, keyframes, list(range(len(users))), ref, model)
     walks = _maximum_likelihood(graph, true_walks(graph, simulation, smooth))
     return {
         user.name: common_track(walks, u, keyframes[u], smooth.tracks[user.name])[0]
@@ -109,7 +111,7 @@ def oracle(simulation: Simulation, reference: str) -> dict[str, Track]:
     }
 
 
-def true_walks(graph: AnchoredGraph, simulation: Simulation, smooth: Recording) -> Walks:
+def true_walks(graph: PoseGraph, simulation: Simulation, smooth: Recording) -> States:
     """The truth in the graph's variables; `smooth` has the mended tracks that its keyframes are of."""
     k = len(graph.users)
     reference = graph.users[graph.reference].name
@@ -132,19 +134,19 @@ def true_walks(graph: AnchoredGraph, simulation: Simulation, smooth: Recording) 
         own = apply_frames(np.broadcast_to(back, (len(place), 4)), place - frames[u, :3]) / scale
         local.append(np.column_stack([own, wrap_angle(yaw - yaw[0])]))
     frames[graph.reference] = 0.0
-    return Walks(frames, local, device)
+    return States(frames, local, device)
 
 
-def _maximum_likelihood(graph: AnchoredGraph, walks: Walks) -> Walks:
+def _maximum_likelihood(graph: PoseGraph, walks: States) -> States:
     """The minimum next to these walks; antennas are read anew while clocks still move."""
-    about, ones = walks.frames, np.ones(len(graph.samples))
-    judgement = replace(graph.first_judgement(), late_odds=0.0 * ones, worth=ones)
+    about, ones = walks.frames, np.ones(len(graph.measurements))
+    judgement = replace(graph.initial_em_weights(), nlos_odds=0.0 * ones, range_weight=ones)
     for _ in range(_ROUNDS):
         before = walks.device[:, CLOCK].copy()
         graph.read_antennas(before)
         factors = graph.factors(about, judgement)
         values = optimize(factors, graph.values(walks), graph.ordering(), 100, 1e-6)
-        walks = graph.walks(values, walks)
+        walks = graph.states(values, walks)
         if np.abs(walks.device[:, CLOCK] - before).max() < _SAME_CLOCK:
             break
     return walks

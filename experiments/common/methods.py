@@ -27,19 +27,21 @@ from synchronizar.data.track import Track
 from synchronizar.estimation.pairwise.register import register_pairwise
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame, wrap_angle
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 
 WALKS, WALKS_FULL = 5, 30
 """Of each kind, quickly and at full size."""
 METHODS: dict[str, Callable[[Recording], Registration]] = {
     "pairwise": register_pairwise,
-    "rigid": partial(register, kind="rigid"),
+    "rigid": partial(register, model="rigid"),
     "joint": register,
 }
 """The paper's; ours with SLAM trusted; ours as it is by default."""
 CLOCKS_TRUSTED = "joint, clocks trusted"
 """Ours as it is by default, but without its estimate of clocks."""
-EVERY_METHOD = METHODS | {CLOCKS_TRUSTED: partial(register, model=Model(clock_sigma=1e-4, clock_common_sigma=1e-4))}
+EVERY_METHOD = METHODS | {
+    CLOCKS_TRUSTED: partial(register, parameters=Parameters(clock_sigma=1e-4, clock_common_sigma=1e-4))
+}
 
 
 class Placed(NamedTuple):

@@ -17,8 +17,8 @@ from synchronizar.estimation.register import register
 from synchronizar.geometry import difference
 from synchronizar.graph.range_factors import RangeBlockFactor
 from synchronizar.graph.rigid_graph import RigidGraph, blocks_of
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import samples_of
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.simulation.simulate import Simulation
 
 Task = TypeVar("Task")
@@ -41,10 +41,10 @@ class Oracle(NamedTuple):
     """(k, 4) 1 sigma by the Cramer-Rao bound (with the priors, so that of van Trees), at the truth."""
 
 
-def oracle(simulation: Simulation, reference: str, model: Model) -> Oracle:
+def oracle(simulation: Simulation, reference: str, model: Parameters) -> Oracle:
     """Gaussian maximum likelihood from the truth's start on the ranges that are not late."""
     users = simulation.recording.users
-    samples = samples_of(simulation.recording, model)
+    samples = range_measurements(simulation.recording, model)
     samples = samples[np.flatnonzero(~simulation.late[samples.row]).astype(np.int32)]
     truth = true_frames(simulation, reference)
     ref = simulation.recording.index(reference)
@@ -77,9 +77,9 @@ class Beside(NamedTuple):
 
 def beside_oracle(simulation: Simulation) -> Beside:
     """Register a walk with the rigid model and set it beside the oracle."""
-    registration = register(simulation.recording, kind="rigid")
+    registration = register(simulation.recording, model="rigid")
     truth = true_frames(simulation, registration.reference)
-    best = oracle(simulation, registration.reference, Model())
+    best = oracle(simulation, registration.reference, Parameters())
     others = [u for u in registration.users.values() if u.name != registration.reference]
     which = [simulation.recording.index(u.name) for u in others]
     placed = [u.common_from_user for u in others]

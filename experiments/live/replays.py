@@ -33,7 +33,7 @@ from synchronizar.estimation.incremental.estimator import Estimator
 from synchronizar.estimation.incremental.replay import A_SECOND, in_time, replay
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.evaluate import align, match, read_tracks
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
@@ -97,7 +97,7 @@ def _best(simulation: Simulation, reference: str, until: float) -> Array:
     kept = simulation.recording.ranges.t <= until
     recording = replace(simulation.recording, ranges=simulation.recording.ranges.select(kept))
     part = replace(simulation, recording=recording, late=simulation.late[kept], extra=simulation.extra[kept])
-    error = np.delete(oracle(part, reference, Model()).error, recording.index(reference), axis=0)
+    error = np.delete(oracle(part, reference, Parameters()).error, recording.index(reference), axis=0)
     return np.asarray(np.hypot(error[:, 0], error[:, 1]))
 
 

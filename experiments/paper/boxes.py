@@ -147,4 +147,4 @@ def _rigid(x: Array, y: Array, distance: Array) -> YawFrame:
     t, level = np.arange(n) * STEP_S, np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
     ranges = Ranges.of(t, np.zeros(n, dtype=np.int32), np.ones(n, dtype=np.int32), distance)
     recording = Recording((User("x"), User("y")), {"x": Track(t, x, level), "y": Track(t, y, level)}, ranges)
-    return register(recording, "x", kind="rigid").between("x", "y")
+    return register(recording, "x", model="rigid").between("x", "y")

@@ -52,7 +52,7 @@ PAPER = {"L": 0.92, "S": 0.77, "spline": 0.55}
 LENGTH_M, WIDTH_M = 5.0, 3.0
 SAMPLED_M = 0.01
 MARGIN_M = 0.05
-LEVEL, POWER = 0.05, 0.8
+MEAN_HEIGHT, POWER = 0.05, 0.8
 CERTAIN = 2.5
 """Cohen's d, which 22 against 22 walks find with certainty; the distribution beyond is out of scipy's reach."""
 
@@ -146,8 +146,8 @@ def row(name: str, method: str, perfect: Array, estimated: Array) -> dict[str, A
     one, other = perfect.ravel(), estimated.ravel()
     spread = float(np.sqrt(0.5 * (one.var(ddof=1) + other.var(ddof=1))))
     n = perfect.shape[1]
-    smallest = TTestIndPower().solve_power(nobs1=n, alpha=LEVEL, power=POWER)
-    significant = float(np.mean(p < LEVEL))
+    smallest = TTestIndPower().solve_power(nobs1=n, alpha=MEAN_HEIGHT, power=POWER)
+    significant = float(np.mean(p < MEAN_HEIGHT))
     p_equal = float(ttost_ind(one, other, -MARGIN_M, MARGIN_M, usevar="unequal")[0])
     mean = STATISTICS["mean"]
     return {
@@ -162,8 +162,8 @@ def row(name: str, method: str, perfect: Array, estimated: Array) -> dict[str, A
         "p": float(np.median(p)),
         "significant": significant,
         "paper p": PAPER[name],
-        "reproduced": "no" if significant >= 0.5 else "yes" if p_equal < LEVEL else "undecided",
-        "power": float(TTestIndPower().power(min(MARGIN_M / spread, CERTAIN), n, LEVEL)),
+        "reproduced": "no" if significant >= 0.5 else "yes" if p_equal < MEAN_HEIGHT else "undecided",
+        "power": float(TTestIndPower().power(min(MARGIN_M / spread, CERTAIN), n, MEAN_HEIGHT)),
         "finds": float(smallest * spread),
         "p_equal": p_equal,
     }

@@ -25,8 +25,8 @@ from synchronizar.estimation.initialisation import joint_placements
 from synchronizar.estimation.register import register
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
 from synchronizar.graph.rigid_graph import RigidGraph, blocks_of
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples, samples_of
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, range_measurements
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
 
@@ -37,8 +37,8 @@ def row_of(users: int, ranges: int) -> dict[str, Any]:
     """Every stage for `users` users with `ranges` ranges a pair."""
     seconds = 12.0
     recording = simulate(Scene(users=users, seconds=seconds, rate_hz=ranges / seconds, seed=1)).recording
-    model = Model()
-    samples = samples_of(recording, model)
+    model = Parameters()
+    samples = range_measurements(recording, model)
     everybody = list(range(users))
     rigid = RigidGraph(blocks_of(samples), recording.users, everybody, 0, model)
 
@@ -52,18 +52,18 @@ def row_of(users: int, ranges: int) -> dict[str, Any]:
     for b in rigid.blocks:
         i, j = rigid.place(b.pair.i), rigid.place(b.pair.j)
         ours.add(RangeBlockFactor(i, j, b.block, Squared()))
-        numpys.add(numpy_factor(i, j, samples[b.pair.samples]))
+        numpys.add(numpy_factor(i, j, samples[b.pair.measurements]))
     row: dict[str, Any] = {"users": users, "ranges": len(samples)}
     row["initialise"] = _ms(search)
     row["solve"] = _ms(lambda: _solve(ours, values))
     row["initialise + solve"] = row["initialise"] + row["solve"]
     row["solve, numpy kernel"] = _ms(lambda: _solve(numpys, values))
     row["numpy / C++"] = row["solve, numpy kernel"] / row["solve"]
-    row["register"] = _ms(lambda: register(recording, kind="rigid"))
+    row["register"] = _ms(lambda: register(recording, model="rigid"))
     return row
 
 
-def numpy_factor(i: UserKeys | FixedUser, j: UserKeys | FixedUser, s: Samples) -> gtsam.CustomFactor:
+def numpy_factor(i: UserKeys | FixedUser, j: UserKeys | FixedUser, s: RangeMeasurements) -> gtsam.CustomFactor:
     """All ranges of a pair as rows, computed by numpy."""
     noise = gtsam.noiseModel.Diagonal.Sigmas(s.sigma)
     ends = [(user, p) for user, p in ((i, s.p_i), (j, s.p_j)) if isinstance(user, UserKeys)]

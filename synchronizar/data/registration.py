@@ -25,7 +25,7 @@ class State(StrEnum):
     DISCONNECTED = "disconnected"
 
 
-class DeviceSigma(NamedTuple):
+class CalibrationSigma(NamedTuple):
     """1 sigma of what is wrong with a device."""
 
     scale: float
@@ -57,7 +57,7 @@ class UserRegistration:
     """m: what its radio adds to each range; a range of two is too long by the sum of theirs."""
     clock_offset: float | None = 0.0
     """s: its own stamp minus the range stamp of the same event; None for a radio that stands still."""
-    device_sigma: DeviceSigma | None = None
+    calibration_sigma: CalibrationSigma | None = None
     """1 sigma of its scale, range_bias and clock_offset; None where they are taken for known."""
     slam_noise: tuple[float, float] | None = None
     """How many times as far as the model says its SLAM drifts, in place and in heading; None where it is trusted."""

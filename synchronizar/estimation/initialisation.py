@@ -15,12 +15,12 @@ from synchronizar._core import search_placements
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, relative_to
-from synchronizar.graph.rigid_graph import height_sigma_of, late_loss
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples, pairs
+from synchronizar.graph.rigid_graph import height_sigma_of, nlos_mixture
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 
 
-class Hypothesis(NamedTuple):
+class Candidate(NamedTuple):
     """A joint placement that explains the ranges."""
 
     frames: Array
@@ -29,11 +29,11 @@ class Hypothesis(NamedTuple):
     """Negative log likelihood, up to a constant that all hypotheses share."""
 
 
-def connected(samples: Samples, users: int, reference: int) -> list[int]:
+def connected(measurements: RangeMeasurements, users: int, reference: int) -> list[int]:
     """The users that a chain of ranges ties to the reference, itself included, sorted."""
     reached = np.zeros(users, dtype=bool)
     reached[reference] = True
-    links = np.unique(np.stack([samples.i, samples.j]), axis=1)
+    links = np.unique(np.stack([measurements.i, measurements.j]), axis=1)
     while True:
         touched = reached[links].any(axis=0)
         grown = reached.copy()
@@ -44,31 +44,35 @@ def connected(samples: Samples, users: int, reference: int) -> list[int]:
 
 
 def joint_placements(
-    samples: Samples, users: tuple[User, ...], placed: list[int], reference: int, model: Model
-) -> list[Hypothesis]:
-    """Joint placements of the users in `placed` (the reference among them), best first; in the reference's frame."""
-    if len(placed) == 1:
+    measurements: RangeMeasurements,
+    users: tuple[User, ...],
+    active_users: list[int],
+    reference: int,
+    parameters: Parameters,
+) -> list[Candidate]:
+    """Joint placements of the active users (the reference among them) in its frame, best first."""
+    if len(active_users) == 1:
         frames = np.full((len(users), 4), np.nan)
         frames[reference] = 0.0
-        return [Hypothesis(frames, 0.0)]
-    sight, spread = _sights(samples, len(users))
-    order = _order(sight, spread, np.array([user.static for user in users]), placed)
+        return [Candidate(frames, 0.0)]
+    sight, spread = _sights(measurements, len(users))
+    order = _order(sight, spread, np.array([user.static for user in users]), active_users)
     frames = np.full((len(users), 4), np.nan)
     frames[order[0]] = 0.0
-    alive = [Hypothesis(frames, 0.0)]
+    alive = [Candidate(frames, 0.0)]
     for user in order[1:]:
-        alive = extend(samples, alive, users, user, model)
-    return [Hypothesis(relative_to(h.frames, reference), h.cost) for h in alive]
+        alive = extend(measurements, alive, users, user, parameters)
+    return [Candidate(relative_to(h.frames, reference), h.cost) for h in alive]
 
 
-def _sights(samples: Samples, users: int) -> tuple[Array, Array]:
+def _sights(measurements: RangeMeasurements, users: int) -> tuple[Array, Array]:
     """How well each two users (k, k) are likely to tell their placement, a rough measure for an order only.
 
     And how far each (k,) spreads (m): its places' smaller principal 1 sigma in the plane and a tenth of the larger.
     """
-    begin = np.array([pair.samples.start for pair in pairs(samples)])
-    count = np.diff([*begin, len(samples)])
-    i, j = samples.i[begin], samples.j[begin]
+    begin = np.array([pair.measurements.start for pair in pairs(measurements)])
+    count = np.diff([*begin, len(measurements)])
+    i, j = measurements.i[begin], measurements.j[begin]
 
     def mean(column: Array) -> Array:
         return np.add.reduceat(column, begin) / count
@@ -81,8 +85,8 @@ def _sights(samples: Samples, users: int) -> tuple[Array, Array]:
         small, large = np.maximum(middle - radius, 0.0), np.maximum(middle + radius, 0.0)
         return np.asarray(np.sqrt(small) + 0.1 * np.sqrt(large))
 
-    spread_i, spread_j = spread_of(samples.p_i), spread_of(samples.p_j)
-    reach = np.maximum(mean(samples.distance), 0.5)
+    spread_i, spread_j = spread_of(measurements.p_i), spread_of(measurements.p_j)
+    reach = np.maximum(mean(measurements.distance), 0.5)
     sight = np.full((users, users), -1.0)
     sight[i, j] = sight[j, i] = (spread_i + spread_j) / reach * np.sqrt(count)
     spread = np.zeros(users)
@@ -91,7 +95,7 @@ def _sights(samples: Samples, users: int) -> tuple[Array, Array]:
     return sight, spread
 
 
-def _order(sight: Array, spread: Array, static: Mask, placed: list[int]) -> list[int]:
+def _order(sight: Array, spread: Array, static: Mask, active_users: list[int]) -> list[int]:
     """The users in the order in which they are placed: each next one has the best sight of one before it.
 
     The first has a heading, and is of the two that see each other best the one that moves more.
@@ -100,52 +104,54 @@ def _order(sight: Array, spread: Array, static: Mask, placed: list[int]) -> list
     ends = np.array(np.unravel_index(np.argmax(of_moving), sight.shape))
     first = int(ends[np.argmax(np.where(static[ends], -1.0, spread[ends]))])
     order = [first]
-    while len(order) < len(placed):
+    while len(order) < len(active_users):
         best = sight[order].max(axis=0)
         best[order] = -2.0
         order.append(int(np.argmax(best)))
     return order
 
 
-def _links(samples: Samples, user: int, placed: Mask) -> tuple[Indices, Indices]:
+def _links(measurements: RangeMeasurements, user: int, active_users: Mask) -> tuple[Indices, Indices]:
     """The samples between a user and placed ones, and which end (0 for i, 1 for j) the user is."""
-    mine = ((samples.i == user) & placed[samples.j]) | ((samples.j == user) & placed[samples.i])
+    mine = ((measurements.i == user) & active_users[measurements.j]) | (
+        (measurements.j == user) & active_users[measurements.i]
+    )
     rows = np.flatnonzero(mine).astype(np.int32)
-    return rows, (samples.j[rows] == user).astype(np.int32)
+    return rows, (measurements.j[rows] == user).astype(np.int32)
 
 
-def _known_positions(samples: Samples, frames: Array, rows: Indices, end: Indices, own: Array) -> Array:
+def _known_positions(measurements: RangeMeasurements, frames: Array, rows: Indices, end: Indices, own: Array) -> Array:
     """The other ends' antennas (n, 3) in the common frame."""
-    other = np.where(end == 0, samples.j[rows], samples.i[rows])
+    other = np.where(end == 0, measurements.j[rows], measurements.i[rows])
     return apply_frames(frames[other], own[1 - end, rows])
 
 
 def extend(
-    samples: Samples, alive: list[Hypothesis], users: tuple[User, ...], user: int, model: Model
-) -> list[Hypothesis]:
+    measurements: RangeMeasurements, alive: list[Candidate], users: tuple[User, ...], user: int, parameters: Parameters
+) -> list[Candidate]:
     """Each hypothesis with one more user, wherever its ranges to those that are placed allow; best first."""
-    own = np.stack([samples.p_i, samples.p_j])
+    own = np.stack([measurements.p_i, measurements.p_j])
     grown = []
     for hypothesis in alive:
-        placed = ~np.isnan(hypothesis.frames[:, 0])
-        rows, end = _links(samples, user, placed)
+        active_users = ~np.isnan(hypothesis.frames[:, 0])
+        rows, end = _links(measurements, user, active_users)
         found = search_placements(
-            _known_positions(samples, hypothesis.frames, rows, end, own),
+            _known_positions(measurements, hypothesis.frames, rows, end, own),
             own[end, rows],
-            samples.distance[rows],
-            samples.sigma[rows],
-            samples.late_odds[rows],
-            height_sigma_of(users[user], model),
+            measurements.distance[rows],
+            measurements.sigma[rows],
+            measurements.nlos_odds[rows],
+            height_sigma_of(users[user], parameters),
             not users[user].static,
-            late_loss(model),
-            model.largest_error,
-            model.most_candidates,
-            model.most_searched,
-            model.cost_alive,
+            nlos_mixture(parameters),
+            parameters.largest_error,
+            parameters.most_candidates,
+            parameters.most_searched,
+            parameters.cost_alive,
         )
         for placement in found:
             frames = hypothesis.frames.copy()
             frames[user] = placement[:4]
-            grown.append(Hypothesis(frames, hypothesis.cost + float(placement[4])))
+            grown.append(Candidate(frames, hypothesis.cost + float(placement[4])))
     grown.sort(key=lambda h: h.cost)
-    return [h for h in grown[: model.most_hypotheses] if h.cost <= grown[0].cost + model.cost_alive]
+    return [h for h in grown[: parameters.most_hypotheses] if h.cost <= grown[0].cost + parameters.cost_alive]

@@ -11,10 +11,10 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
-from synchronizar.estimation.hypotheses import Placement, moved, places
-from synchronizar.estimation.residual_statistics import Misfit
+from synchronizar.estimation.hypotheses import Hypothesis, moved, places
+from synchronizar.estimation.residual_statistics import ResidualStatistics
 from synchronizar.geometry import wrap_angle
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 
 _NAMES = ("x", "y", "z", "yaw")
 _LEAST = 1e-9  # m and rad: a sigma that is none
@@ -43,18 +43,18 @@ class Verdict(NamedTuple):
 
 
 def verdicts(
-    found: list[Placement],
-    fit: dict[int, Misfit],
+    found: list[Hypothesis],
+    fit: dict[int, ResidualStatistics],
     graph: Placed,
-    corners: Array,
-    model: Model,
+    extent: Array,
+    parameters: Parameters,
     registered: Collection[int] = (),
 ) -> list[Verdict | None]:
     """The verdict on each user that is placed; of users that are `registered` already, whether they still are."""
     best = found[0]
     away = np.zeros(len(graph.users))
     for other in found[1:]:
-        away = np.fmax(away, moved(best.frames, other.frames, corners))
+        away = np.fmax(away, moved(best.frames, other.frames, extent))
     said: list[Verdict | None] = [None] * len(graph.users)
     said[graph.reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
     for u in graph.free:
@@ -64,43 +64,43 @@ def verdicts(
             for name, own, of in zip(_NAMES, np.diag(best.covariances[u]), prior, strict=True)
             if own > 0.5 * of and not (name == "yaw" and graph.users[u].static)
         )
-        wrong_share = model.wrong_share_kept if u in registered else model.wrong_share
-        state, reason, direction = _state(best, u, graph.users[u].static, corners[u], wrong_share, model)
+        wrong_share = parameters.wrong_share_kept if u in registered else parameters.wrong_share
+        state, reason, direction = _state(best, u, graph.users[u].static, extent[u], wrong_share, parameters)
         doubted = fit[u].rejected > 0.5 and fit[u].inflation > _SYSTEMATIC
-        if doubted or fit[u].rejected > model.largest_rejected:
+        if doubted or fit[u].rejected > parameters.largest_rejected:
             reason = f"{fit[u].rejected:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
             state = State.UNOBSERVABLE
-        if away[u] > model.largest_error and state is State.REGISTERED:
+        if away[u] > parameters.largest_error and state is State.REGISTERED:
             state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
         said[u] = Verdict(state, reason, direction, dominated)
     return said
 
 
-def nearness(best: Placement, user: int, static: bool, corners: Array, model: Model) -> float:
+def nearness(best: Hypothesis, user: int, static: bool, extent: Array, parameters: Parameters) -> float:
     """How many times its sigmas could grow before a user were not registered; below 1 it is not."""
     normal = NormalDist()
-    in_plane = model.largest_error / np.sqrt(-2.0 * np.log(model.wrong_share))
-    in_line = normal.inv_cdf(1.0 - 0.5 * model.wrong_share)
+    in_plane = parameters.largest_error / np.sqrt(-2.0 * np.log(parameters.wrong_share))
+    in_line = normal.inv_cdf(1.0 - 0.5 * parameters.wrong_share)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
-    level, _ = _largest_spread(covariance, yaw, corners, [0, 1])
-    height, _ = _largest_spread(covariance, yaw, corners, [2])
-    ratios = [in_plane / max(level, _LEAST), model.largest_error / in_line / max(height, _LEAST)]
+    level, _ = _largest_spread(covariance, yaw, extent, [0, 1])
+    height, _ = _largest_spread(covariance, yaw, extent, [2])
+    ratios = [in_plane / max(level, _LEAST), parameters.largest_error / in_line / max(height, _LEAST)]
     if not static:
-        ratios.append(model.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
+        ratios.append(parameters.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
     return float(min(ratios))
 
 
 def _state(
-    best: Placement, user: int, static: bool, corners: Array, wrong_share: float, model: Model
+    best: Hypothesis, user: int, static: bool, extent: Array, wrong_share: float, parameters: Parameters
 ) -> tuple[State, str, Array | None]:
     """Registered if an error in place, anywhere on its walk, or heading beyond the limits is improbable.
 
     If not: what is seen least.
     """
-    in_plane, in_height, in_heading = _wrong(best, user, corners, model)
+    in_plane, in_height, in_heading = _wrong(best, user, extent, parameters)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
-    level, level_error = _largest_spread(covariance, yaw, corners, [0, 1])
-    height, height_error = _largest_spread(covariance, yaw, corners, [2])
+    level, level_error = _largest_spread(covariance, yaw, extent, [0, 1])
+    height, height_error = _largest_spread(covariance, yaw, extent, [2])
     if not static and in_heading > wrong_share:
         direction = covariance[3] / np.linalg.norm(covariance[3])
         heading = np.sqrt(covariance[3, 3])
@@ -114,25 +114,25 @@ def _state(
     return State.REGISTERED, f"its place is known to {max(level, height):.2f} m (1 sigma)", None
 
 
-def _wrong(best: Placement, user: int, corners: Array, model: Model) -> tuple[float, float, float]:
+def _wrong(best: Hypothesis, user: int, extent: Array, parameters: Parameters) -> tuple[float, float, float]:
     """The probability, by the mixture of its minima, that a user is wrong in the plane, in height, in heading.
 
     Of a minimum at distance d from the placement, an error in the plane beyond the limit has at most the probability of
     one beyond limit - d.
     """
-    limit = model.largest_error
-    own = corners[None]
+    limit = parameters.largest_error
+    own = extent[None]
     here = places(best.frames[[user]], own)
     plane = height = heading = 0.0
-    for minimum in best.minima_of(user):
+    for minimum in best.components_of(user):
         frames, covariance = minimum.frames[[user]], minimum.covariances[user]
         off = (places(frames, own) - here)[0]
         away = max(limit - float(np.hypot(off[:, 0], off[:, 1]).max()), 0.0)
-        plane += minimum.weight * _beyond_in_plane(away, *_axes(covariance, frames[0, 3], corners))
-        sigma, _ = _largest_spread(covariance, frames[0, 3], corners, [2])
+        plane += minimum.weight * _beyond_in_plane(away, *_axes(covariance, frames[0, 3], extent))
+        sigma, _ = _largest_spread(covariance, frames[0, 3], extent, [2])
         height += minimum.weight * _beyond(limit, off[0, 2], sigma)
         turned = wrap_angle(float(frames[0, 3] - best.frames[user, 3]))
-        heading += minimum.weight * _beyond(model.largest_yaw_error, turned, float(np.sqrt(covariance[3, 3])))
+        heading += minimum.weight * _beyond(parameters.largest_yaw_error, turned, float(np.sqrt(covariance[3, 3])))
     return plane, height, heading
 
 
@@ -153,30 +153,30 @@ def _beyond_in_plane(limit: float, long: float, short: float) -> float:
     return float(np.exp(-0.5 * limit**2 / np.maximum(variance, _LEAST**2)).mean())
 
 
-def _axes(covariance: Array, yaw: float, corners: Array) -> tuple[float, float]:
+def _axes(covariance: Array, yaw: float, extent: Array) -> tuple[float, float]:
     """1 sigma (m) along both axes of the ellipse in the plane of the corner where the long one is longest."""
-    jacobians = _by_frame(yaw, corners)[:, :2]
+    jacobians = _by_frame(yaw, extent)[:, :2]
     variances = np.linalg.eigvalsh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     short, long = np.sqrt(np.maximum(variances[np.argmax(variances[:, 1])], 0.0)).tolist()
     return long, short
 
 
-def _by_frame(yaw: float, corners: Array) -> Array:
+def _by_frame(yaw: float, extent: Array) -> Array:
     """(c, 3, 4) derivatives of where corners (c, 3) lie by x, y, z, yaw of the frame."""
     c, s = np.cos(yaw), np.sin(yaw)
-    x, y = c * corners[:, 0] - s * corners[:, 1], s * corners[:, 0] + c * corners[:, 1]
-    jacobians = np.zeros((len(corners), 3, 4))
+    x, y = c * extent[:, 0] - s * extent[:, 1], s * extent[:, 0] + c * extent[:, 1]
+    jacobians = np.zeros((len(extent), 3, 4))
     jacobians[:, :3, :3] = np.eye(3)
     jacobians[:, 0, 3], jacobians[:, 1, 3] = -y, x
     return jacobians
 
 
-def _largest_spread(covariance: Array, yaw: float, corners: Array, axes: list[int]) -> tuple[float, Array]:
+def _largest_spread(covariance: Array, yaw: float, extent: Array, axes: list[int]) -> tuple[float, Array]:
     """The largest 1 sigma (m) of the place of any corner (c, 3) in these axes of the common frame.
 
     And the unit error of (x, y, z, yaw) that goes with it.
     """
-    jacobians = _by_frame(yaw, corners)[:, axes]
+    jacobians = _by_frame(yaw, extent)[:, axes]
     variances, directions = np.linalg.eigh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     worst = int(np.argmax(variances[:, -1]))
     error = covariance @ jacobians[worst].T @ directions[worst, :, -1]

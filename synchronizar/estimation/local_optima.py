@@ -14,10 +14,10 @@ from synchronizar.estimation.hypotheses import SAME
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
 from synchronizar.geometry import difference
-from synchronizar.graph.pose_graph import AnchoredGraph, Judgement
+from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.rigid_graph import RigidGraph, blocks_of
-from synchronizar.graph.states import Walks, interpolated
-from synchronizar.parameters import Model
+from synchronizar.graph.states import States, interpolated
+from synchronizar.parameters import Parameters
 
 _ANNEALING = (4.0, 2.0)
 _FIRST_ROUNDS = 2
@@ -32,35 +32,35 @@ _MOST_COMPARED = 6
 BETTER = 1.0  # of log likelihood: less does not tell two minima apart
 
 
-class Settled(NamedTuple):
+class LocalOptimum(NamedTuple):
     """A minimum of an anchored graph."""
 
-    graph: AnchoredGraph
-    walks: Walks
-    judgement: Judgement
+    graph: PoseGraph
+    states: States
+    em_weights: EmWeights
     cost: float
     """Negative log likelihood, up to a constant that all minima of the same samples and worth share."""
 
     @property
     def frames(self) -> Array:
         """(k, 4) x, y, z, yaw: where each user's last keyframe is, and how SLAM's axes lie there."""
-        return self.graph.last_poses(self.walks)
+        return self.graph.last_poses(self.states)
 
 
-def by_cost(settled: Settled) -> float:
+def by_cost(optimum: LocalOptimum) -> float:
     """For sorting: best first."""
-    return settled.cost
+    return optimum.cost
 
 
-def settle_all(graph: AnchoredGraph, starts: list[Walks], model: Model) -> list[Settled]:
+def find_optima(graph: PoseGraph, starts: list[States], parameters: Parameters) -> list[LocalOptimum]:
     """The minima that some walks and their mirror images lead to, best first."""
-    found: list[Settled] = []
-    for walks in starts:
-        _follow(graph, walks, found, _ANNEALING)
+    found: list[LocalOptimum] = []
+    for states in starts:
+        _follow(graph, states, found, _ANNEALING)
     best = min(found, key=by_cost)
     while graph.free:
-        for walks in chain(relaid(graph, best.walks, model), _images(best, model)):
-            _follow(graph, walks, found, ())
+        for states in chain(relaid(graph, best.states, parameters), _images(best, parameters)):
+            _follow(graph, states, found, ())
         better = min(found, key=by_cost)
         if better.cost > best.cost - BETTER:
             break
@@ -68,77 +68,83 @@ def settle_all(graph: AnchoredGraph, starts: list[Walks], model: Model) -> list[
     return sorted(found, key=by_cost)
 
 
-def approach(graph: AnchoredGraph, walks: Walks, annealing: float) -> Settled:
+def approach(graph: PoseGraph, states: States, annealing: float) -> LocalOptimum:
     """Walks that have come near to a minimum: enough to go on from."""
-    walks, judgement, _ = graph.settle(walks, _undecided(graph.first_judgement()), _FIRST_ROUNDS, annealing)
-    return Settled(graph, *graph.settle(walks, judgement, _FIRST_ROUNDS))
+    states, em_weights, _ = graph.run_em(states, _undecided(graph.initial_em_weights()), _FIRST_ROUNDS, annealing)
+    return LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
 
 
-def _follow(graph: AnchoredGraph, walks: Walks, found: list[Settled], annealing: tuple[float, ...]) -> None:
+def _follow(graph: PoseGraph, states: States, found: list[LocalOptimum], annealing: tuple[float, ...]) -> None:
     """Add the minimum that some walks lead to, unless it is known."""
-    judgement = _undecided(graph.first_judgement())
+    em_weights = _undecided(graph.initial_em_weights())
     for wide in annealing:
-        walks, judgement, _ = graph.settle(walks, judgement, 3, wide)
-    settled = Settled(graph, *graph.settle(walks, judgement, _FIRST_ROUNDS))
-    if found and settled.cost > min(found, key=by_cost).cost + _HOPELESS:
+        states, em_weights, _ = graph.run_em(states, em_weights, 3, wide)
+    optimum = LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
+    if found and optimum.cost > min(found, key=by_cost).cost + _HOPELESS:
         return
-    settled = Settled(graph, *graph.settle(settled.walks, settled.judgement, _ROUNDS))
-    frames = settled.frames
+    optimum = LocalOptimum(graph, *graph.run_em(optimum.states, optimum.em_weights, _ROUNDS))
+    frames = optimum.frames
     if not any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in found):
-        found.append(settled)
+        found.append(optimum)
 
 
-def _undecided(judgement: Judgement) -> Judgement:
+def _undecided(em_weights: EmWeights) -> EmWeights:
     """Ranges worth the geometric mean of what they are by themselves and at worst: which of both holds shows later.
 
     With the least of it, half a walk of ranges that pass for late would be cheaper than one slip of SLAM.
     """
-    return replace(judgement, worth=np.sqrt(judgement.worth))
+    return replace(em_weights, range_weight=np.sqrt(em_weights.range_weight))
 
 
-def _images(settled: Settled, model: Model) -> Iterator[Walks]:
+def _images(optimum: LocalOptimum, parameters: Parameters) -> Iterator[States]:
     """Walks that might explain the ranges as well, likeliest first: what levels and lines cannot tell apart."""
-    graph, walks = settled.graph, settled.walks
-    flat = graph.flattened(walks)
-    rigid = RigidGraph(blocks_of(flat), graph.users, graph.placed, graph.reference, model).about(walks.frames)
-    worth = float(settled.judgement.worth.mean())
-    values = rigid.values(walks.frames)
-    sigma = np.sqrt(rigid.covariances(values)[:, 2, 2] / worth)
+    graph, states = optimum.graph, optimum.states
+    flat = graph.to_rigid_ranges(states)
+    rigid = RigidGraph(blocks_of(flat), graph.users, graph.active_users, graph.reference, parameters).about(
+        states.anchor_poses
+    )
+    range_weight = float(optimum.em_weights.range_weight.mean())
+    values = rigid.values(states.anchor_poses)
+    sigma = np.sqrt(rigid.covariances(values)[:, 2, 2] / range_weight)
 
     def above(frames: Array) -> float:
-        return worth * (rigid.cost(rigid.values(frames)) - rigid.cost(values))
+        return range_weight * (rigid.cost(rigid.values(frames)) - rigid.cost(values))
 
-    heights = rigid.other_heights(walks.frames, model.cost_excluded_late / worth)
-    heights += height_mirrors(flat, walks.frames, graph.reference)
-    apart = [f for f in heights if (np.abs(f[:, 2] - walks.frames[:, 2]) > _TOLD_APART * sigma)[graph.free].any()]
+    heights = rigid.other_heights(states.anchor_poses, parameters.cost_excluded_late / range_weight)
+    heights += height_mirrors(flat, states.anchor_poses, graph.reference)
+    apart = [
+        f for f in heights if (np.abs(f[:, 2] - states.anchor_poses[:, 2]) > _TOLD_APART * sigma)[graph.free].any()
+    ]
     images = [(cost, frames) for frames in apart if (cost := above(frames)) < _HOPELESS]
-    most = _HOPELESS + _NATS_A_RANGE * worth * len(flat)
+    most = _HOPELESS + _NATS_A_RANGE * range_weight * len(flat)
     images += [
-        (cost, frames) for frames in reflections(flat, walks.frames, graph.reference) if (cost := above(frames)) < most
+        (cost, frames)
+        for frames in reflections(flat, states.anchor_poses, graph.reference)
+        if (cost := above(frames)) < most
     ]
     for _, frames in sorted(images, key=lambda image: image[0])[:_MOST_IMAGES]:
-        yield walks._replace(frames=frames)
+        yield states._replace(anchor_poses=frames)
 
 
-def measured(coarse: Settled) -> Settled:
+def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
     """The same minimum, what ranges are worth measured on what is left of them."""
     graph = coarse.graph
-    walks, judgement = coarse.walks, coarse.judgement
+    states, em_weights = coarse.states, coarse.em_weights
     for rounds in _MEASURING_ROUNDS:
-        walks, judgement, cost = graph.settle(walks, graph.measured(walks, judgement), rounds)
-    return Settled(graph, walks, judgement, cost)
+        states, em_weights, cost = graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
+    return LocalOptimum(graph, states, em_weights, cost)
 
 
-def refine(coarse: Settled, graph: AnchoredGraph) -> Settled:
+def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
     """The same placement at the keyframes of another graph."""
-    walks, judgement, _ = coarse.graph.settle(coarse.walks, coarse.judgement, _REFINING_ROUNDS)
-    walks = interpolated(walks, coarse.graph.keyframes, graph.keyframes)
-    first = replace(graph.first_judgement(), worth=judgement.worth)
-    walks, judgement, _ = graph.settle(walks, first, _REFINING_ROUNDS)
-    return Settled(graph, *graph.settle(walks, graph.measured(walks, judgement), _REFINING_ROUNDS))
+    states, em_weights, _ = coarse.graph.run_em(coarse.states, coarse.em_weights, _REFINING_ROUNDS)
+    states = interpolated(states, coarse.graph.keyframes, graph.keyframes)
+    first = replace(graph.initial_em_weights(), range_weight=em_weights.range_weight)
+    states, em_weights, _ = graph.run_em(states, first, _REFINING_ROUNDS)
+    return LocalOptimum(graph, *graph.run_em(states, graph.with_range_weights(states, em_weights), _REFINING_ROUNDS))
 
 
-def compare(found: list[Settled], best: Settled, model: Model) -> list[Settled]:
+def compare(found: list[LocalOptimum], best: LocalOptimum, parameters: Parameters) -> list[LocalOptimum]:
     """The best of them as it is refined, then those others that explain the ranges too, likeliest first.
 
     All costs are those that the minima found have with ranges worth what the best one's residuals say.
@@ -148,14 +154,14 @@ def compare(found: list[Settled], best: Settled, model: Model) -> list[Settled]:
     likely = [s for s in found if s.cost < found[0].cost + _HOPELESS][:_MOST_COMPARED]
     compared = []
     for s in likely:
-        judgement = replace(s.judgement, worth=best.judgement.worth)
-        compared.append(Settled(s.graph, *s.graph.settle(s.walks, judgement, _FIRST_ROUNDS)))
-    _, honest = best.graph.honest(best.walks, best.judgement)
-    late = len(honest) > 0 and float((honest < 0.5).mean()) > model.doubtful_share
+        em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
+        compared.append(LocalOptimum(s.graph, *s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS)))
+    _, inlier_probability = best.graph.inlier_probability(best.states, best.em_weights)
+    late = len(inlier_probability) > 0 and float((inlier_probability < 0.5).mean()) > parameters.doubtful_share
     # What drift bends a straight walk by speaks for it or for its mirror image by chance: the sum of a term for each
     # device whose SLAM may drift, which grows with the root of how many there are.
     drifting = max(sum(len(k.step_sigma) > 0 for k in best.graph.keyframes), 1)
-    excluded = max(model.cost_excluded_late if late else 0.0, model.cost_excluded * np.sqrt(drifting))
+    excluded = max(parameters.cost_excluded_late if late else 0.0, parameters.cost_excluded * np.sqrt(drifting))
     first, *others = compared
     others = [s for s in others if s.cost <= first.cost + excluded]
     return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]

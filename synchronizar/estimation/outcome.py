@@ -9,7 +9,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.jump import Jump
 from synchronizar.data.track import Track
 from synchronizar.estimation.integrity import Verdict
-from synchronizar.preprocessing.range_measurements import Samples
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 
 @dataclass(frozen=True)
@@ -30,18 +30,18 @@ class Outcome:
     """(k, 4, 4): turns the direction that a verdict calls unseen into one of `frames`."""
     scale: Array
     """(k,) metres in each user's own unit of length."""
-    samples: Samples
+    measurements: RangeMeasurements
     weight: Array
     """(n,) 1/m^2, of each sample."""
-    honest: Array
+    inlier_probability: Array
     """(n,) the probability that each is."""
     residual: Array
     """(n,) m, measured minus predicted."""
     joint: Array | None = None
     """(k, 4, k, 4) covariances of all users at once; None where that is not looked at."""
-    device: Array | None = None
+    calibration: Array | None = None
     """(k, 3) scale, radio bias (m), clock offset (s); None where they are taken for perfect."""
-    device_sigma: Array | None = None
+    calibration_sigma: Array | None = None
     """(k, 3) 1 sigma of them."""
     slam_noise: Array | None = None
     """(k, 2) how many times as far as the model says SLAM drifts, in place and in heading; NaN where it has no SLAM."""

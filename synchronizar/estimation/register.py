@@ -12,7 +12,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import (
     Alternative,
-    DeviceSigma,
+    CalibrationSigma,
     RangeVerdicts,
     Registration,
     State,
@@ -24,41 +24,41 @@ from synchronizar.estimation.outcome import Outcome
 from synchronizar.estimation.rigid import register_rigid
 from synchronizar.geometry import YawFrame
 from synchronizar.graph.states import BIAS, CLOCK
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 
 
 def register(
     recording: Recording,
     reference: str | None = None,
-    model: Model | None = None,
-    kind: Literal["full", "rigid"] = "full",
+    model: Literal["full", "rigid"] = "full",
+    parameters: Parameters | None = None,
 ) -> Registration:
     """Where every user's frame lies in the reference's, how sure that is, and which ranges it rests on.
 
-    `kind` full: SLAM may drift, jump, have a wrong scale and clock, radios a bias. rigid: SLAM is trusted, one frame
+    `model` full: SLAM may drift, jump, have a wrong scale and clock, radios a bias. rigid: SLAM is trusted, one frame
     per user and nothing else. Raises InputError where `reference` is nobody or a radio that stands still, or where
     nobody can be the reference. What cannot be answered is told as a state.
     """
-    model = model or Model()
+    parameters = parameters or Parameters()
     began = perf_counter()
-    ref = reference_of(recording, reference, model)
-    outcome = (register_full if kind == "full" else register_rigid)(recording, ref, model)
+    ref = reference_of(recording, reference, parameters)
+    outcome = (register_full if model == "full" else register_rigid)(recording, ref, parameters)
     seconds = {"load": 0.0, "initialise": outcome.searched - began, "solve": perf_counter() - outcome.searched}
-    return registration_of(recording, outcome, ref, kind, _range_verdicts(recording, outcome), seconds)
+    return registration_of(recording, outcome, ref, model, _range_verdicts(recording, outcome), seconds)
 
 
 def registration_of(
     recording: Recording,
     outcome: Outcome,
     reference: int,
-    kind: str,
+    model: str,
     ranges: RangeVerdicts,
     seconds: Mapping[str, float],
 ) -> Registration:
     """An outcome as it is told."""
     return Registration(
         reference=recording.users[reference].name,
-        model=kind,
+        model=model,
         method="joint",
         users={user.name: _user(recording, outcome, u) for u, user in enumerate(recording.users)},
         alternatives=_alternatives(recording, outcome),
@@ -68,13 +68,13 @@ def registration_of(
     )
 
 
-def reference_of(recording: Recording, name: str | None, model: Model) -> int:
+def reference_of(recording: Recording, name: str | None, parameters: Parameters) -> int:
     """Whose frame the common one is: a user of that name, or the first by name that moves. InputError if nobody."""
     if name is None:
         moving = [u for u, user in enumerate(recording.users) if not user.static]
         if not moving:
             raise InputError("recording.toml", "every user is a static radio: nobody has a frame to be the common one")
-        far = [u for u in moving if recording.tracks[recording.users[u].name].extent() > model.moving]
+        far = [u for u in moving if recording.tracks[recording.users[u].name].extent() > parameters.moving]
         return (far or moving)[0]
     try:
         user = recording.index(name)
@@ -94,8 +94,8 @@ def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
     if user.static:
         covariance[3, :] = covariance[:, 3] = np.nan
     unseen = None if said.unseen_direction is None else outcome.errors[u] @ said.unseen_direction
-    device, sigma = outcome.device, outcome.device_sigma
-    bias, clock = (0.0, 0.0) if device is None else (float(device[u, BIAS]), float(device[u, CLOCK]))
+    calibration, sigma = outcome.calibration, outcome.calibration_sigma
+    bias, clock = (0.0, 0.0) if calibration is None else (float(calibration[u, BIAS]), float(calibration[u, CLOCK]))
     return UserRegistration(
         user.name,
         said.state,
@@ -106,8 +106,8 @@ def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
         None if unseen is None else unseen / np.linalg.norm(unseen),
         said.prior_dominated,
         bias,
-        None if user.static and device is not None else clock,
-        None if sigma is None else DeviceSigma(*sigma[u].tolist()),
+        None if user.static and calibration is not None else clock,
+        None if sigma is None else CalibrationSigma(*sigma[u].tolist()),
         _noise(outcome, u),
         jumps,
         outcome.tracks.get(user.name),
@@ -147,11 +147,11 @@ def _alternatives(recording: Recording, outcome: Outcome) -> tuple[Alternative, 
 
 
 def _range_verdicts(recording: Recording, outcome: Outcome) -> RangeVerdicts:
-    n, row = len(recording.ranges), outcome.samples.row
+    n, row = len(recording.ranges), outcome.measurements.row
     usable, used = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     weight, residual = np.zeros(n), np.full(n, np.nan)
     usable[row] = True
-    used[row] = outcome.honest > 0.5
+    used[row] = outcome.inlier_probability > 0.5
     weight[row] = outcome.weight
     residual[row] = outcome.residual
     return RangeVerdicts(usable, used, weight, residual)

@@ -15,13 +15,13 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.estimation.hypotheses import SAME
-from synchronizar.estimation.initialisation import Hypothesis, connected, joint_placements
+from synchronizar.estimation.initialisation import Candidate, connected, joint_placements
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.geometry import difference
 from synchronizar.graph.optimization import Values, levenberg_marquardt
 from synchronizar.graph.rigid_graph import RigidGraph
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 _GAIN = 5e-3  # of log likelihood, in units of 1: a step that gains less changes nothing that could be measured
 _HOPELESS = 50.0  # of log likelihood: more than further rounds may gain
@@ -31,7 +31,7 @@ _MOST_ROUNDS = 10
 _PIECES = 12  # that a walk is cut into to draw parts of it
 
 
-class Settled(NamedTuple):
+class LocalOptimum(NamedTuple):
     """A joint placement at a minimum of the cost."""
 
     frames: Array
@@ -44,8 +44,12 @@ class Settled(NamedTuple):
 
 
 def solve(
-    samples: Samples, graph: RigidGraph, placed: list[int], starts: list[Hypothesis], model: Model
-) -> list[Settled]:
+    measurements: RangeMeasurements,
+    graph: RigidGraph,
+    active_users: list[int],
+    starts: list[Candidate],
+    parameters: Parameters,
+) -> list[LocalOptimum]:
     """Every joint placement that explains the ranges, best first; some may be all but the same.
 
     `starts` are those that the search found in the whole walk.
@@ -54,26 +58,26 @@ def solve(
     for start in starts:
         found.follow(start.frames)
     if not graph.free:
-        return found.settled
-    excluded = model.cost_excluded
-    if found.best.graph.rejected(found.best.values) > model.doubtful_share:
-        excluded = model.cost_excluded_late
+        return found.optimum
+    excluded = parameters.cost_excluded
+    if found.best.graph.rejected(found.best.values) > parameters.doubtful_share:
+        excluded = parameters.cost_excluded_late
         for start in starts:
-            found.follow(start.frames, annealing=model.annealing)
-        for part in _parts(samples, model):
-            if connected(part, len(graph.users), graph.reference) == placed:
-                likely = joint_placements(part, graph.users, placed, graph.reference, model)
-                for start in likely[: model.most_followed]:
+            found.follow(start.frames, annealing=parameters.annealing)
+        for part in _parts(measurements, parameters):
+            if connected(part, len(graph.users), graph.reference) == active_users:
+                likely = joint_placements(part, graph.users, active_users, graph.reference, parameters)
+                for start in likely[: parameters.most_followed]:
                     found.follow(start.frames)
-    mirrored: Settled | None = None
+    mirrored: LocalOptimum | None = None
     while mirrored is not found.best:  # a mirror image may be better, and have images of its own
         mirrored = found.best
-        _follow_mirrors(samples, found, mirrored, excluded)
-    return sorted((s for s in found.settled if s.cost <= found.best.cost + excluded), key=_cost)
+        _follow_mirrors(measurements, found, mirrored, excluded)
+    return sorted((s for s in found.optimum if s.cost <= found.best.cost + excluded), key=_cost)
 
 
-def _cost(settled: Settled) -> float:
-    return settled.cost
+def _cost(optimum: LocalOptimum) -> float:
+    return optimum.cost
 
 
 class _Minima:
@@ -81,21 +85,21 @@ class _Minima:
 
     def __init__(self, graph: RigidGraph) -> None:
         self._graph = graph
-        self.settled: list[Settled] = []
+        self.optimum: list[LocalOptimum] = []
 
     @property
-    def best(self) -> Settled:
-        return min(self.settled, key=_cost)
+    def best(self) -> LocalOptimum:
+        return min(self.optimum, key=_cost)
 
     def follow(self, frames: Array, annealing: float = 1.0) -> None:
         """Add the minimum that `frames` (k, 4) lead to, unless it is known already, or hopelessly above the best."""
         graph, values = self._graph.about(frames), self._graph.values(frames)
         if not graph.free:
-            self.settled.append(Settled(frames, 0.0, graph, values))
+            self.optimum.append(LocalOptimum(frames, 0.0, graph, values))
             return
         if annealing > 1.0:
             values = levenberg_marquardt(graph.factors(annealing), values, 3, _GAIN)
-        hopeless = self.best.cost + _HOPELESS if self.settled else np.inf
+        hopeless = self.best.cost + _HOPELESS if self.optimum else np.inf
         before = np.inf
         for k in range(_MOST_ROUNDS):
             judged, cost = graph.with_bursts(values)
@@ -104,33 +108,33 @@ class _Minima:
             before = cost
             values = levenberg_marquardt(judged.factors(), values, 20, _GAIN)
             frames = graph.frames(values)
-            if any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in self.settled):
+            if any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in self.optimum):
                 return
-        self.settled.append(Settled(graph.frames(values), cost, judged, values))
+        self.optimum.append(LocalOptimum(graph.frames(values), cost, judged, values))
 
 
-def _follow_mirrors(samples: Samples, found: _Minima, best: Settled, excluded: float) -> None:
+def _follow_mirrors(measurements: RangeMeasurements, found: _Minima, best: LocalOptimum, excluded: float) -> None:
     graph = best.graph
     cost = graph.cost(best.values)
     sigma = np.sqrt(graph.covariances(best.values)[:, 2, 2])
     heights = graph.other_heights(best.frames, excluded)
-    for frames in height_mirrors(samples, best.frames, graph.reference):
+    for frames in height_mirrors(measurements, best.frames, graph.reference):
         if graph.cost(graph.values(frames)) < cost + _HOPELESS:
             heights.append(frames)
     for frames in heights:
         if (np.abs(frames[:, 2] - best.frames[:, 2]) > _TOLD_APART * sigma)[graph.free].any():
             found.follow(frames)
-    for frames in reflections(samples, best.frames, graph.reference):
-        if graph.cost(graph.values(frames)) < cost + _NATS_A_RANGE * len(samples):
+    for frames in reflections(measurements, best.frames, graph.reference):
+        if graph.cost(graph.values(frames)) < cost + _NATS_A_RANGE * len(measurements):
             found.follow(frames)
 
 
-def _parts(samples: Samples, model: Model) -> Iterator[Samples]:
+def _parts(measurements: RangeMeasurements, parameters: Parameters) -> Iterator[RangeMeasurements]:
     """Random parts of the walk, the same ones each time."""
     random = np.random.default_rng(0)
-    begin, end = samples.t.min(), samples.t.max()
-    piece = np.minimum((samples.t - begin) / max(end - begin, 1e-9) * _PIECES, _PIECES - 1).astype(int)
-    for _ in range(model.parts):
-        taken = random.permutation(_PIECES) < random.uniform(model.least_part, model.largest_part) * _PIECES
+    begin, end = measurements.t.min(), measurements.t.max()
+    piece = np.minimum((measurements.t - begin) / max(end - begin, 1e-9) * _PIECES, _PIECES - 1).astype(int)
+    for _ in range(parameters.parts):
+        taken = random.permutation(_PIECES) < random.uniform(parameters.least_part, parameters.largest_part) * _PIECES
         if taken[piece].any():
-            yield samples[taken[piece]]
+            yield measurements[taken[piece]]

@@ -8,15 +8,15 @@ import numpy as np
 
 from synchronizar.arrays import Array, Mask
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.initialisation import Hypothesis, connected, extend, joint_placements
-from synchronizar.estimation.local_optima import Settled, approach, by_cost, settle_all
+from synchronizar.estimation.initialisation import Candidate, connected, extend, joint_placements
+from synchronizar.estimation.local_optima import LocalOptimum, approach, by_cost, find_optima
 from synchronizar.geometry import apply_frames, relative_to
-from synchronizar.graph.pose_graph import AnchoredGraph
-from synchronizar.graph.states import Walks
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.centering import centred, middles
+from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.states import States
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.centering import centered, centroids
 from synchronizar.preprocessing.keyframes import Keyframes
-from synchronizar.preprocessing.range_measurements import Samples
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 _KEYFRAMES = 20  # of a stretch, while placements are compared
 _ANNEALING = 3.0  # of a stretch that was just added: SLAM has drifted there
@@ -24,93 +24,100 @@ _MOST_GROWN = 2  # joint placements that are followed into a longer stretch
 _WHOLE = 2.0  # first stretches: a recording that is no longer is taken as a whole
 
 
-def coarse_interval(samples: Samples, model: Model) -> float:
+def coarse_interval(measurements: RangeMeasurements, parameters: Parameters) -> float:
     """Seconds between the keyframes while placements are compared."""
-    stretch = min(float(np.ptp(samples.t)) if len(samples) else 0.0, model.first_stretch)
-    return max(model.keyframe_interval, stretch / _KEYFRAMES)
+    stretch = min(float(np.ptp(measurements.t)) if len(measurements) else 0.0, parameters.first_stretch)
+    return max(parameters.keyframe_interval, stretch / _KEYFRAMES)
 
 
 def search_and_grow(
     recording: Recording,
-    samples: Samples,
+    measurements: RangeMeasurements,
     keyframes: list[Keyframes],
-    placed: list[int],
+    active_users: list[int],
     reference: int,
-    model: Model,
-) -> list[Settled]:
+    parameters: Parameters,
+) -> list[LocalOptimum]:
     """The minima of the whole recording, best first; found in its first stretch and followed from there."""
     users = recording.users
-    begin, end = _first_stretch(samples, len(users), reference, model)
-    found: list[Settled] = []
+    begin, end = _first_stretch(measurements, len(users), reference, parameters)
+    found: list[LocalOptimum] = []
     others: list[Array] = []
     known: list[int] = []
     while True:
-        inside = _within(samples, begin, end)
-        tied = connected(samples[inside], len(users), reference)
-        part = samples[np.flatnonzero(inside & np.isin(samples.i, tied) & np.isin(samples.j, tied)).astype(np.int32)]
-        graph = AnchoredGraph(recording, part, keyframes, tied, reference, model)
+        inside = _within(measurements, begin, end)
+        tied = connected(measurements[inside], len(users), reference)
+        part = measurements[
+            np.flatnonzero(inside & np.isin(measurements.i, tied) & np.isin(measurements.j, tied)).astype(np.int32)
+        ]
+        graph = PoseGraph(recording, part, keyframes, tied, reference, parameters)
         if not found:
-            found = settle_all(graph, _search(part, graph, model), model)
-            excluded = found[0].cost + model.cost_excluded_late
-            others = [s.walks.frames for s in found[1:_MOST_GROWN] if s.cost < excluded]
+            found = find_optima(graph, _search(part, graph, parameters), parameters)
+            excluded = found[0].cost + parameters.cost_excluded_late
+            others = [s.states.anchor_poses for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
-            found = [approach(graph, _joined(graph, found[0], known, model), _ANNEALING)]
+            found = [approach(graph, _joined(graph, found[0], known, parameters), _ANNEALING)]
         known = tied
-        if tied == placed and inside.all():
+        if tied == active_users and inside.all():
             break
         length = end - begin
         begin, end = begin - 0.5 * length, end + 0.5 * length
     if np.isfinite(begin):
         # What else explained the first stretch is looked at again now that all is known.
-        walks = found[0].walks
-        elsewhere = [np.where(np.isnan(frames), walks.frames, frames) for frames in others]
-        found += [approach(graph, walks._replace(frames=frames), 1.0) for frames in elsewhere]
+        states = found[0].states
+        elsewhere = [np.where(np.isnan(frames), states.anchor_poses, frames) for frames in others]
+        found += [approach(graph, states._replace(anchor_poses=frames), 1.0) for frames in elsewhere]
     return sorted(found, key=by_cost)
 
 
-def _first_stretch(samples: Samples, users: int, reference: int, model: Model) -> tuple[float, float]:
+def _first_stretch(
+    measurements: RangeMeasurements, users: int, reference: int, parameters: Parameters
+) -> tuple[float, float]:
     """The stretch (s) of `first_stretch` in which the most users hang together with the reference, the earliest."""
-    if not len(samples) or np.ptp(samples.t) <= _WHOLE * model.first_stretch:
+    if not len(measurements) or np.ptp(measurements.t) <= _WHOLE * parameters.first_stretch:
         return -np.inf, np.inf
-    begins = np.arange(samples.t.min(), samples.t.max(), 0.5 * model.first_stretch)
+    begins = np.arange(measurements.t.min(), measurements.t.max(), 0.5 * parameters.first_stretch)
     tied = [
-        len(connected(samples[_within(samples, b, b + model.first_stretch)], users, reference)) for b in begins.tolist()
+        len(connected(measurements[_within(measurements, b, b + parameters.first_stretch)], users, reference))
+        for b in begins.tolist()
     ]
     begin = float(begins[int(np.argmax(tied))])
-    return begin, begin + model.first_stretch
+    return begin, begin + parameters.first_stretch
 
 
-def _within(samples: Samples, begin: float, end: float) -> Mask:
-    return np.asarray((samples.t >= begin) & (samples.t <= end))
+def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
+    return np.asarray((measurements.t >= begin) & (measurements.t <= end))
 
 
-def _search(samples: Samples, graph: AnchoredGraph, model: Model) -> list[Walks]:
+def _search(measurements: RangeMeasurements, graph: PoseGraph, parameters: Parameters) -> list[States]:
     """Joint placements of rigid walks, looked for as if ranges were no better than SLAM."""
-    middle = middles(samples, len(graph.users))
-    wide = replace(centred(samples, middle), sigma=np.hypot(samples.sigma, model.search_sigma))
-    found = joint_placements(wide, graph.users, graph.placed, graph.reference, model)
+    middle = centroids(measurements, len(graph.users))
+    wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, parameters.search_sigma))
+    found = joint_placements(wide, graph.users, graph.active_users, graph.reference, parameters)
     anchors = np.array([k.anchor for k in graph.keyframes]) - middle
     laid = [np.column_stack([apply_frames(h.frames, anchors), h.frames[:, 3]]) for h in found]
-    return [graph.begin(relative_to(frames, graph.reference)) for frames in laid]
+    return [graph.initial_states(relative_to(frames, graph.reference)) for frames in laid]
 
 
-def _joined(graph: AnchoredGraph, before: Settled, known: list[int], model: Model) -> Walks:
+def _joined(graph: PoseGraph, before: LocalOptimum, known: list[int], parameters: Parameters) -> States:
     """Walks of a shorter stretch as a start for a longer one; who has come is placed where it fits best."""
-    walks = before.walks._replace(frames=before.walks.frames.copy())
-    coming = [u for u in graph.placed if u not in known]
+    states = before.states._replace(anchor_poses=before.states.anchor_poses.copy())
+    coming = [u for u in graph.active_users if u not in known]
     while coming:
-        frames = np.full_like(walks.frames, np.nan)
-        frames[known] = walks.frames[known]
-        flat = graph.flattened(walks._replace(frames=frames))
-        wide = replace(flat, sigma=np.hypot(flat.sigma, model.search_sigma))
+        frames = np.full_like(states.anchor_poses, np.nan)
+        frames[known] = states.anchor_poses[known]
+        flat = graph.to_rigid_ranges(states._replace(anchor_poses=frames))
+        wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search_sigma))
         user = max(coming, key=lambda u: ties(flat, u, known))
-        grown = extend(wide, [Hypothesis(frames, 0.0)], graph.users, user, model)
-        walks.frames[user] = grown[0].frames[user]
+        grown = extend(wide, [Candidate(frames, 0.0)], graph.users, user, parameters)
+        states.anchor_poses[user] = grown[0].frames[user]
         known, coming = [*known, user], [u for u in coming if u != user]
-    return walks
+    return states
 
 
-def ties(samples: Samples, user: int, known: list[int]) -> int:
+def ties(measurements: RangeMeasurements, user: int, known: list[int]) -> int:
     """How many ranges tie a user to those that are known."""
-    there: Array = np.isin(samples.j, known) & (samples.i == user) | np.isin(samples.i, known) & (samples.j == user)
+    there: Array = np.isin(measurements.j, known) & (measurements.i == user) | np.isin(measurements.i, known) & (
+        measurements.j == user
+    )
     return int(there.sum())

@@ -13,17 +13,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from synchronizar._core import judge
+from synchronizar._core import mixture_terms
 from synchronizar.arrays import Array, Indices
 from synchronizar.data.jump import Jump
 from synchronizar.data.track import Track
-from synchronizar.estimation.initialisation import Hypothesis, extend
+from synchronizar.estimation.initialisation import Candidate, extend
 from synchronizar.geometry import apply_frames, relative_to, wrap_angle
-from synchronizar.graph.pose_graph import AnchoredGraph
-from synchronizar.graph.rigid_graph import late_loss
-from synchronizar.graph.states import CLOCK, SCALE, Walks, steps
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples
+from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.rigid_graph import nlos_mixture
+from synchronizar.graph.states import CLOCK, SCALE, States, steps
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 _PIECES = (3, 6)  # of a walk
 _FEWEST_RANGES = 20  # in a piece that is laid by itself
@@ -32,76 +32,83 @@ _MOST_TRIED = 3
 _SLIPPED = 5.0  # sigmas of a step
 
 
-def relaid(graph: AnchoredGraph, walks: Walks, model: Model) -> Iterator[Walks]:
+def relaid(graph: PoseGraph, states: States, parameters: Parameters) -> Iterator[States]:
     """The same walks with pieces of one device's moved to where they fit much better, what gains most first."""
-    flat = graph.flattened(walks)
-    wide = replace(flat, sigma=np.hypot(flat.sigma, model.search_sigma))
-    moving = [u for u in graph.placed if not graph.users[u].static]
-    moved = [_moved(graph, walks, wide, user, pieces, model) for pieces in _PIECES for user in moving]
+    flat = graph.to_rigid_ranges(states)
+    wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search_sigma))
+    moving = [u for u in graph.active_users if not graph.users[u].static]
+    moved = [_moved(graph, states, wide, user, pieces, parameters) for pieces in _PIECES for user in moving]
     likely = sorted(((gain, elsewhere) for gain, elsewhere in moved if gain > 0.0), key=lambda m: -m[0])
     yield from (elsewhere for _, elsewhere in likely[:_MOST_TRIED])
 
 
 def _moved(
-    graph: AnchoredGraph, walks: Walks, wide: Samples, user: int, pieces: int, model: Model
-) -> tuple[float, Walks]:
+    graph: PoseGraph, states: States, wide: RangeMeasurements, user: int, pieces: int, parameters: Parameters
+) -> tuple[float, States]:
     """What moving some pieces of a user's walk gains (log likelihood, of ranges alone), and the walks then."""
     mine = np.flatnonzero((wide.i == user) | (wide.j == user)).astype(np.int32)
     begin, end = wide.t[mine].min(), wide.t[mine].max()
     bounds = np.linspace(begin, end, pieces + 1)
-    laid, gained = np.tile(walks.frames[user], (pieces, 1)), 0.0
+    laid, gained = np.tile(states.anchor_poses[user], (pieces, 1)), 0.0
     for piece in range(pieces):
         inside = mine[(wide.t[mine] >= bounds[piece]) & (wide.t[mine] <= bounds[piece + 1])]
         if len(inside) >= _FEWEST_RANGES:
-            gain, there = _best(graph, walks, wide[inside], user, model)
+            gain, there = _best(graph, states, wide[inside], user, parameters)
             if gain > _GAIN:
                 laid[piece], gained = there, gained + gain
-    stamps = graph.keyframes[user].t - walks.device[user, CLOCK]
+    stamps = graph.keyframes[user].t - states.calibration[user, CLOCK]
     which = np.clip(np.searchsorted(bounds[1:-1], stamps), 0, pieces - 1).astype(np.int32)
-    return gained, _with(graph, walks, user, laid, which)
+    return gained, _with(graph, states, user, laid, which)
 
 
-def _best(graph: AnchoredGraph, walks: Walks, samples: Samples, user: int, model: Model) -> tuple[float, Array]:
+def _best(
+    graph: PoseGraph, states: States, measurements: RangeMeasurements, user: int, parameters: Parameters
+) -> tuple[float, Array]:
     """The frame (4,) by which a device's samples fit best, and what it gains against where the device is."""
-    here = walks.frames[user]
-    others = walks.frames.copy()
+    here = states.anchor_poses[user]
+    others = states.anchor_poses.copy()
     others[user] = np.nan
-    found = extend(samples, [Hypothesis(others, 0.0)], graph.users, user, model)
+    found = extend(measurements, [Candidate(others, 0.0)], graph.users, user, parameters)
     if not found:
         return 0.0, here
     there = found[0].frames[user]
-    return _cost(walks.frames, samples, user, here, model) - _cost(walks.frames, samples, user, there, model), there
+    return _cost(states.anchor_poses, measurements, user, here, parameters) - _cost(
+        states.anchor_poses, measurements, user, there, parameters
+    ), there
 
 
-def _cost(frames: Array, samples: Samples, user: int, frame: Array, model: Model) -> float:
+def _cost(frames: Array, measurements: RangeMeasurements, user: int, frame: Array, parameters: Parameters) -> float:
     frames = frames.copy()
     frames[user] = frame
-    q_i, q_j = apply_frames(frames[samples.i], samples.p_i), apply_frames(frames[samples.j], samples.p_j)
-    whitened = (np.linalg.norm(q_i - q_j, axis=1) - samples.distance) / samples.sigma
-    return float(judge(whitened, samples.sigma, samples.late_odds, late_loss(model))[0].sum())
+    q_i, q_j = (
+        apply_frames(frames[measurements.i], measurements.p_i),
+        apply_frames(frames[measurements.j], measurements.p_j),
+    )
+    whitened = (np.linalg.norm(q_i - q_j, axis=1) - measurements.distance) / measurements.sigma
+    return float(mixture_terms(whitened, measurements.sigma, measurements.nlos_odds, nlos_mixture(parameters))[0].sum())
 
 
-def _with(graph: AnchoredGraph, walks: Walks, user: int, laid: Array, which: Indices) -> Walks:
+def _with(graph: PoseGraph, states: States, user: int, laid: Array, which: Indices) -> States:
     """The walks with each keyframe of a user laid by the frame (4,) of its piece; its first keyframe stays pinned."""
-    local, scale = walks.local[user], float(np.exp(walks.device[user, SCALE]))
-    place = apply_frames(laid[which], scale * local[:, :3])
-    yaw = local[:, 3] + laid[which, 3]
+    keyframe_poses, scale = states.keyframe_poses[user], float(np.exp(states.calibration[user, SCALE]))
+    place = apply_frames(laid[which], scale * keyframe_poses[:, :3])
+    yaw = keyframe_poses[:, 3] + laid[which, 3]
 
-    frames = walks.frames.copy()
-    first = np.array([*place[0, :2], place[0, 2] - scale * local[0, 2], yaw[0] - local[0, 3]])
+    frames = states.anchor_poses.copy()
+    first = np.array([*place[0, :2], place[0, 2] - scale * keyframe_poses[0, 2], yaw[0] - keyframe_poses[0, 3]])
     frames[user] = first
     c, s = np.cos(first[3]), np.sin(first[3])
     dx, dy = (place[:, :2] - first[:2]).T
     about = np.column_stack([c * dx + s * dy, -s * dx + c * dy, place[:, 2] - first[2]]) / scale
-    of_all = list(walks.local)
+    of_all = list(states.keyframe_poses)
     of_all[user] = np.column_stack([about, wrap_angle(yaw - first[3])])
-    return walks._replace(frames=relative_to(frames, graph.reference), local=of_all)
+    return states._replace(anchor_poses=relative_to(frames, graph.reference), keyframe_poses=of_all)
 
 
-def slips(walks: Walks, graph: AnchoredGraph, user: int, track: Track) -> tuple[Jump, ...]:
+def slips(states: States, graph: PoseGraph, user: int, track: Track) -> tuple[Jump, ...]:
     """Where a user's SLAM slipped: steps that the ranges did not believe, those that follow each other as one."""
-    frames, local = graph.keyframes[user], walks.local[user]
-    away = steps(local, frames)
+    frames, keyframe_poses = graph.keyframes[user], states.keyframe_poses[user]
+    away = steps(keyframe_poses, frames)
     slipped = (away**2).sum(axis=1) > _SLIPPED**2
     if not slipped.any():
         return ()

@@ -8,9 +8,9 @@ import gtsam
 
 _MOST_KEYFRAMES = 10**7  # of a user: keys are numbered user by user
 
-LEVEL: int = gtsam.symbol("L", 0)
+MEAN_HEIGHT: int = gtsam.symbol("L", 0)
 """double (m): the height that all origins lie about."""
-KIND: int = gtsam.symbol("K", 0)
+SHARED_CALIBRATION: int = gtsam.symbol("K", 0)
 """Vector (3,): what all devices of a recording have in common, being of a kind."""
 
 
@@ -24,7 +24,7 @@ def height(user: int) -> int:
     return int(gtsam.symbol("H", user))
 
 
-def device(user: int) -> int:
+def calibration(user: int) -> int:
     """Vector (3,): its log scale, radio bias (m) and clock offset (s)."""
     return int(gtsam.symbol("D", user))
 

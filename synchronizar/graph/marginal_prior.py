@@ -23,7 +23,7 @@ Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array
 _LEAST = 1e-12  # of the largest variance: what is known any better makes the square root singular in its numbers
 
 
-class Carried(NamedTuple):
+class MarginalPrior(NamedTuple):
     """A Gaussian over frames and devices."""
 
     users: list[int]
@@ -31,7 +31,7 @@ class Carried(NamedTuple):
     reference: int
     frames: Array
     """(k, 4) x, y, z, yaw: where each anchor lies beside the reference's; NaN for users that are not carried."""
-    device: Array
+    calibration: Array
     """(k, 3) log scale, bias (m), clock offset (s)."""
     covariance: Array
     """(n, n) of additive errors: x, y, yaw and height of each user but the reference, then of every user's device."""
@@ -44,9 +44,9 @@ class Carried(NamedTuple):
     def keys(self) -> list[int]:
         """Of the variables, in the order of the covariance."""
         frames = [key for u in self.free for key in (keys.frame(u), keys.height(u))]
-        return [*frames, *(keys.device(u) for u in self.users)]
+        return [*frames, *(keys.calibration(u) for u in self.users)]
 
-    def without(self, users: set[int]) -> Carried:
+    def without(self, users: set[int]) -> MarginalPrior:
         """What is known of all others."""
         spans = dict(zip(self.keys(), keys.rows(self.keys()), strict=True))
         left = self._replace(users=[u for u in self.users if u not in users])
@@ -55,14 +55,14 @@ class Carried(NamedTuple):
         frames[list(users)] = np.nan
         return left._replace(frames=frames, covariance=self.covariance[np.ix_(at, at)])
 
-    def aged(self, clock_variance: float) -> Carried:
+    def aged(self, clock_variance: float) -> MarginalPrior:
         """The same after a while in which every clock may have drifted: by so much, s^2."""
         covariance = self.covariance.copy()
         clocks = 4 * len(self.free) + 3 * np.arange(len(self.users)) + CLOCK
         covariance[clocks, clocks] += clock_variance
         return self._replace(covariance=covariance)
 
-    def beside(self, reference: int) -> Carried:
+    def beside(self, reference: int) -> MarginalPrior:
         """The same beside another user that is carried: errors are turned and moved with it."""
         others = [u for u in self.users if u != reference]
         first = {u: 4 * n for n, u in enumerate(self.free)}
@@ -79,8 +79,12 @@ class Carried(NamedTuple):
             turn[at : at + 2, there + 2] = -to_ours @ np.array([-away[1], away[0]])
             turn[at + 2 : at + 4, there + 2 : there + 4] = -np.eye(2)
         turn[4 * len(others) :, 4 * len(self.free) :] = np.eye(3 * len(self.users))
-        return Carried(
-            self.users, reference, relative_to(self.frames, reference), self.device, turn @ self.covariance @ turn.T
+        return MarginalPrior(
+            self.users,
+            reference,
+            relative_to(self.frames, reference),
+            self.calibration,
+            turn @ self.covariance @ turn.T,
         )
 
     def factor(self, assumed_clock: Array) -> gtsam.CustomFactor:
@@ -95,18 +99,18 @@ class Carried(NamedTuple):
         )
 
 
-def _error(carried: Carried, root: Array, spans: list[slice], assumed_clock: Array) -> Error:
+def _error(marginal_prior: MarginalPrior, root: Array, spans: list[slice], assumed_clock: Array) -> Error:
     """`root` times how far the variables are from their means; its Jacobians by gtsam's tangents."""
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         away, turns = [], []
-        for u in carried.free:
-            at, (x, y, z, yaw) = values.atPose2(keys.frame(u)), carried.frames[u]
+        for u in marginal_prior.free:
+            at, (x, y, z, yaw) = values.atPose2(keys.frame(u)), marginal_prior.frames[u]
             away += [at.x() - x, at.y() - y, wrap_angle(at.theta() - yaw), values.atDouble(keys.height(u)) - z]
             turns.append(at.theta())
-        for u in carried.users:
-            device = values.atVector(keys.device(u)) - carried.device[u]
-            away += [device[0], device[1], device[2] + assumed_clock[u]]
+        for u in marginal_prior.users:
+            calibration = values.atVector(keys.calibration(u)) - marginal_prior.calibration[u]
+            away += [calibration[0], calibration[1], calibration[2] + assumed_clock[u]]
         if jacobians is not None:
             for n, span in enumerate(spans):
                 jacobians[n] = root[:, span].copy()

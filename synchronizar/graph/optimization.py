@@ -10,9 +10,9 @@ import gtsam
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.cooperative import Portions, finish
+from synchronizar.cooperative import Cooperative, finish
 from synchronizar.graph import keys
-from synchronizar.graph.range_factors import Reading
+from synchronizar.graph.range_factors import PoseCache
 
 Values = gtsam.Values
 
@@ -27,14 +27,14 @@ def optimize(
     ordering: gtsam.Ordering,
     iterations: int,
     gain: float,
-    reading: Reading | None = None,
+    pose_cache: PoseCache | None = None,
 ) -> gtsam.Values:
     """A minimum: full steps, or as much of them as lowers the cost; until a step gains less than `gain`.
 
     Our blocks are positive semidefinite models with the exact gradient, so a step never leads uphill at first.
-    `reading` is what the factors share.
+    `pose_cache` is what the factors share.
     """
-    return finish(optimizing(factors, start, ordering, iterations, gain, reading or Reading()))
+    return finish(optimizing(factors, start, ordering, iterations, gain, pose_cache or PoseCache()))
 
 
 def optimizing(
@@ -43,14 +43,14 @@ def optimizing(
     ordering: gtsam.Ordering,
     iterations: int,
     gain: float,
-    reading: Reading,
-) -> Portions[gtsam.Values]:
+    pose_cache: PoseCache,
+) -> Cooperative[gtsam.Values]:
     """`optimize` in portions, each as long as one look at all factors."""
-    reading.hold(start)
+    pose_cache.hold(start)
     try:
-        return (yield from _optimizing(factors, start, ordering, iterations, gain, reading))
+        return (yield from _optimizing(factors, start, ordering, iterations, gain, pose_cache))
     finally:
-        reading.hold(None)
+        pose_cache.hold(None)
 
 
 def _optimizing(
@@ -59,12 +59,12 @@ def _optimizing(
     ordering: gtsam.Ordering,
     iterations: int,
     gain: float,
-    reading: Reading,
-) -> Portions[gtsam.Values]:
+    pose_cache: PoseCache,
+) -> Cooperative[gtsam.Values]:
     cost = factors.error(values)
     for _ in range(iterations):
         yield
-        reading.hold(values)
+        pose_cache.hold(values)
         linear = factors.linearize(values)
         yield
         try:
@@ -77,7 +77,7 @@ def _optimizing(
         length = 1.0
         while True:
             tried = values.retract(step if length == 1.0 else step.scale(length))
-            reading.hold(tried)
+            pose_cache.hold(tried)
             tried_cost = factors.error(tried)
             if cost - tried_cost > _SUFFICIENT * length * promised:
                 break

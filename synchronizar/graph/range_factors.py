@@ -16,7 +16,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from synchronizar._core import Device, DeviceBlock, RangeBlock, UserPose, range_residual
+from synchronizar._core import CalibratedRangeBlock, Calibration, RangeBlock, UserPose, range_residual
 from synchronizar.arrays import Array
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def _columns(present: tuple[bool, ...], offset: int) -> list[slice]:
     return [slice(offset + a, offset + b) for there, (a, b) in zip(present, bounds, strict=True) if there]
 
 
-class DeviceKeys(NamedTuple):
+class CalibratedUserKeys(NamedTuple):
     """The gtsam keys of a user whose device is not perfect; what is None is held where it is."""
 
     frame: int | None
@@ -171,7 +171,7 @@ class DeviceKeys(NamedTuple):
         """Where each key's columns stand in a row of the core, whose columns for this user begin at `offset`."""
         return _columns(tuple(key is not None for key in self[:5]), offset)
 
-    def read(self, values: gtsam.Values) -> tuple[UserPose, Device]:
+    def read(self, values: gtsam.Values) -> tuple[UserPose, Calibration]:
         """The user's pose and its device at these values."""
         frame, local = self.held_frame, self.held_local
         if self.frame is not None and self.height is not None:
@@ -180,10 +180,10 @@ class DeviceKeys(NamedTuple):
         if self.pose is not None and self.local_height is not None:
             at = values.atPose2(self.pose)
             local = (at.x(), at.y(), at.theta(), values.atDouble(self.local_height))
-        return UserPose(*frame, *local), Device(*values.atVector(self.device))
+        return UserPose(*frame, *local), Calibration(*values.atVector(self.device))
 
 
-class Reading:
+class PoseCache:
     """What users' keys read, kept while the values stay the same: many blocks share a keyframe.
 
     Only who owns the values knows that they do; gtsam's own optimisers do not tell, and read everything anew.
@@ -191,13 +191,13 @@ class Reading:
 
     def __init__(self) -> None:
         self._values: gtsam.Values | None = None
-        self._read: dict[DeviceKeys, tuple[UserPose, Device]] = {}
+        self._read: dict[CalibratedUserKeys, tuple[UserPose, Calibration]] = {}
 
     def hold(self, values: gtsam.Values | None) -> None:
         """These values do not change until others are held, or None."""
         self._values, self._read = values, {}
 
-    def of(self, keys: DeviceKeys, values: gtsam.Values) -> tuple[UserPose, Device]:
+    def of(self, keys: CalibratedUserKeys, values: gtsam.Values) -> tuple[UserPose, Calibration]:
         """What `keys` read at these values."""
         if values is not self._values:
             return keys.read(values)
@@ -207,7 +207,7 @@ class Reading:
         return known
 
 
-class DeviceBlockFactor(gtsam.CustomFactor):
+class CalibratedRangeBlockFactor(gtsam.CustomFactor):
     """Many ranges between the same two keyframes of two devices that are not perfect, as one factor of ten rows.
 
     Like RangeBlockFactor: the error's norm is the loss, its rows when linearised carry the ranges' information.
@@ -215,20 +215,20 @@ class DeviceBlockFactor(gtsam.CustomFactor):
 
     def __init__(
         self,
-        i: DeviceKeys,
-        j: DeviceKeys,
-        block: DeviceBlock,
+        i: CalibratedUserKeys,
+        j: CalibratedUserKeys,
+        block: CalibratedRangeBlock,
         loss: Loss,
         annealing: float = 1.0,
-        reading: Reading | None = None,
-        bending: float | None = None,
+        pose_cache: PoseCache | None = None,
+        height_curvature: float | None = None,
     ) -> None:
-        """`annealing` >= 1 widens the loss (graduated non-convexity); factors of a graph may share a `reading`.
+        """`annealing` >= 1 widens the loss (graduated non-convexity); factors of a graph may share a `pose_cache`.
 
-        `bending` as `DeviceBlock.square_root` has it.
+        `height_curvature` as `CalibratedRangeBlock.square_root` has it.
         """
         columns = i.columns(0) + j.columns(11)
-        read = reading or Reading()
+        read = pose_cache or PoseCache()
 
         def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
             pose_i, device_i = read.of(i, values)
@@ -237,7 +237,7 @@ class DeviceBlockFactor(gtsam.CustomFactor):
                 norm = np.zeros(10)
                 norm[0] = np.sqrt(2.0 * block.cost(pose_i, device_i, pose_j, device_j, loss, annealing))
                 return norm
-            root = block.square_root(pose_i, device_i, pose_j, device_j, loss, annealing, bending)
+            root = block.square_root(pose_i, device_i, pose_j, device_j, loss, annealing, height_curvature)
             for k, which in enumerate(columns):
                 jacobians[k] = root[:, which]
             return root[:, -1]

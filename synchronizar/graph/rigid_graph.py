@@ -8,12 +8,12 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from synchronizar._core import Late, RangeBlock, UserPose, judge_bursts, search_heights
+from synchronizar._core import NlosMixture, RangeBlock, UserPose, burst_nlos_odds, search_heights
 from synchronizar.arrays import Array
 from synchronizar.data.user import User
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Pair, Samples, pairs
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import Pair, RangeMeasurements, pairs
 
 _LEVEL = gtsam.symbol("L", 0)  # double (m): the height that all origins lie about
 
@@ -23,16 +23,16 @@ def keys_of(user: int) -> UserKeys:
     return UserKeys(gtsam.symbol("F", user), gtsam.symbol("H", user))
 
 
-def late_loss(model: Model) -> Late:
+def nlos_mixture(parameters: Parameters) -> NlosMixture:
     """The loss of a range under this model."""
-    return Late(model.late_scale, model.early_share / (1.0 - model.early_share))
+    return NlosMixture(parameters.late_scale, parameters.early_share / (1.0 - parameters.early_share))
 
 
-def height_sigma_of(user: User, model: Model) -> float:
+def height_sigma_of(user: User, parameters: Parameters) -> float:
     """How far the user's origin may lie above or below the others' (m, 1 sigma)."""
     if user.height_sigma is not None:
         return user.height_sigma
-    return model.static_height_sigma if user.static else model.height_sigma
+    return parameters.static_height_sigma if user.static else parameters.height_sigma
 
 
 class PairBlock(NamedTuple):
@@ -41,18 +41,18 @@ class PairBlock(NamedTuple):
     pair: Pair
     t: Array
     sigma: Array
-    late_odds: Array
+    nlos_odds: Array
     """(n,) of each range by itself; the block's may be those that its neighbours in time speak for."""
     block: RangeBlock
 
 
-def blocks_of(samples: Samples) -> list[PairBlock]:
+def blocks_of(measurements: RangeMeasurements) -> list[PairBlock]:
     """One block for each pair that ranges."""
     out = []
-    for pair in pairs(samples):
-        s = samples[pair.samples]
-        block = RangeBlock(s.p_i, s.p_j, s.distance, s.sigma, s.late_odds)
-        out.append(PairBlock(pair, s.t, s.sigma, s.late_odds, block))
+    for pair in pairs(measurements):
+        s = measurements[pair.measurements]
+        block = RangeBlock(s.p_i, s.p_j, s.distance, s.sigma, s.nlos_odds)
+        out.append(PairBlock(pair, s.t, s.sigma, s.nlos_odds, block))
     return out
 
 
@@ -69,17 +69,22 @@ class RigidGraph:
     """
 
     def __init__(
-        self, blocks: list[PairBlock], users: tuple[User, ...], placed: list[int], reference: int, model: Model
+        self,
+        blocks: list[PairBlock],
+        users: tuple[User, ...],
+        active_users: list[int],
+        reference: int,
+        parameters: Parameters,
     ):
-        """`placed` are the indices of the users that take part, the reference among them."""
+        """`active_users` are the indices of the users that take part, the reference among them."""
         self.users = users
-        self.free = [u for u in placed if u != reference]
+        self.free = [u for u in active_users if u != reference]
         self.reference = reference
         self.blocks = blocks
-        self._model = model
-        self._loss = late_loss(model)
+        self._parameters = parameters
+        self._loss = nlos_mixture(parameters)
         # Every origin lies about one level, which is not known either: two that are alike lie one height_sigma apart.
-        self._from_level = np.array([height_sigma_of(user, model) for user in users]) / np.sqrt(2.0)
+        self._from_level = np.array([height_sigma_of(user, parameters) for user in users]) / np.sqrt(2.0)
         self._priors = self._priors_about(np.zeros((len(users), 4)))
 
     def about(self, frames: Array) -> RigidGraph:
@@ -89,7 +94,7 @@ class RigidGraph:
         return out
 
     def _priors_about(self, frames: Array) -> gtsam.NonlinearFactorGraph:
-        m = self._model
+        m = self._parameters
         priors = gtsam.NonlinearFactorGraph()
         wide = gtsam.noiseModel.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, m.yaw_sigma]))
         for u in self.free:
@@ -104,7 +109,7 @@ class RigidGraph:
 
     def prior_variances(self, user: int) -> Array:
         """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
-        m = self._model
+        m = self._parameters
         height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
         return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
 
@@ -129,8 +134,8 @@ class RigidGraph:
         root = np.linalg.inv(np.linalg.qr(jacobian / scale, mode="r")) / scale[:, None]
         # The factors leave out what could make them indefinite; a covariance needs it: between two heights that are as
         # good, the cost is flatter than their own curvature says. To a tenth at the least, for it is not flat for ever.
-        flattened, vectors = np.linalg.eigh(np.eye(len(root)) + root.T @ self._negative_bending(values) @ root)
-        root = root @ vectors / np.sqrt(np.maximum(flattened, 0.1))
+        to_rigid_ranges, vectors = np.linalg.eigh(np.eye(len(root)) + root.T @ self._negative_bending(values) @ root)
+        root = root @ vectors / np.sqrt(np.maximum(to_rigid_ranges, 0.1))
         for k, u in enumerate(self.free):
             rows = root[4 * k : 4 * k + 4]
             # Pose2's tangent is (v in its own axes, yaw), then the height: turned and put in order.
@@ -145,12 +150,12 @@ class RigidGraph:
         column = {u: 4 * k + 3 for k, u in enumerate(self.free)}
         out = np.zeros((4 * len(self.free) + 1, 4 * len(self.free) + 1))
         for b in self.blocks:
-            bending = min(b.block.height_bending(*self._ends(b, values), self._loss), 0.0)
+            height_curvature = min(b.block.height_curvature(*self._ends(b, values), self._loss), 0.0)
             row = np.zeros(len(out))
             for user, sign in ((b.pair.i, 1.0), (b.pair.j, -1.0)):
                 if user in column:
                     row[column[user]] = sign
-            out += bending * np.outer(row, row)
+            out += height_curvature * np.outer(row, row)
         return out
 
     def with_bursts(self, values: gtsam.Values) -> tuple[RigidGraph, float]:
@@ -161,10 +166,16 @@ class RigidGraph:
         blocks, cost = [], 0.0
         for b in self.blocks:
             whitened = b.block.residuals(*self._ends(b, values)) / b.sigma
-            odds, chain_cost = judge_bursts(
-                b.t, whitened, b.sigma, b.late_odds, self._loss, self._model.late_share, self._model.late_duration
+            odds, chain_cost = burst_nlos_odds(
+                b.t,
+                whitened,
+                b.sigma,
+                b.nlos_odds,
+                self._loss,
+                self._parameters.late_share,
+                self._parameters.late_duration,
             )
-            blocks.append(b._replace(block=b.block.with_late_odds(odds)))
+            blocks.append(b._replace(block=b.block.with_nlos_odds(odds)))
             cost += chain_cost
         out = copy(self)
         out.blocks = blocks
@@ -183,7 +194,7 @@ class RigidGraph:
             pairs,
             self._loss,
             excluded,
-            self._model.most_hypotheses,
+            self._parameters.most_hypotheses,
         )
         return [np.column_stack([frames[:, :2], heights + 0.0 * frames[:, 2], frames[:, 3]]) for heights, _ in found]
 
@@ -192,13 +203,13 @@ class RigidGraph:
         ranges = sum(b.block.cost(*self._ends(b, values), self._loss) for b in self.blocks)
         return ranges + float(self._priors.error(values))
 
-    def honest(self, values: gtsam.Values) -> Array:
+    def inlier_probability(self, values: gtsam.Values) -> Array:
         """The probability that each range is honest (n,), in the order of the samples."""
-        return _join([b.block.honest(*self._ends(b, values), self._loss) for b in self.blocks])
+        return _join([b.block.inlier_probability(*self._ends(b, values), self._loss) for b in self.blocks])
 
     def rejected(self, values: gtsam.Values) -> float:
         """The share of the ranges that are more likely late, or garbage, than honest."""
-        return float((self.honest(values) < 0.5).mean())
+        return float((self.inlier_probability(values) < 0.5).mean())
 
     def residuals(self, values: gtsam.Values) -> Array:
         """Measured minus predicted (n,) m, in the order of the samples."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from synchronizar.arrays import Array, Indices
 from synchronizar.graph import keys
-from synchronizar.graph.pose_graph import AnchoredGraph, Judgement
-from synchronizar.graph.states import Walks, steps
+from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.states import States, steps
 
 PLACE, HEADING = range(2)
 """Columns of the noise."""
@@ -27,17 +27,17 @@ _ROUNDS = 10
 _MOST_KEYFRAMES = 400  # that are looked at together: of a longer walk its middle speaks for the whole
 
 
-def step_noise(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Array:
+def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array:
     """(k, 2): how many times as noisy as the model says each user's steps are, in place and in heading.
 
     1 where the ranges do not tell: the model counts as much as `drift_weight` steps.
     """
     users = len(graph.users)
     middle = _middle(list(graph.keyframe_keys(set())))
-    ordinary = [_ordinary(graph, walks, u) for u in range(users)]
-    weights = [np.where(o, 1.0, w) for o, w in zip(ordinary, judgement.step_weight, strict=True)]
+    ordinary = [_ordinary(graph, states, u) for u in range(users)]
+    weights = [np.where(o, 1.0, w) for o, w in zip(ordinary, em_weights.step_weight, strict=True)]
     counted, whose = gtsam.NonlinearFactorGraph(), []
-    for u in graph.placed:
+    for u in graph.active_users:
         of_user = gtsam.NonlinearFactorGraph()
         graph.add_steps(of_user, u, weights[u])
         # Each step is two factors: in the plane, and in height.
@@ -48,9 +48,9 @@ def step_noise(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Arra
     if not whose:
         return np.ones((users, 2))
 
-    columns, values = [*middle, *graph.shared_keys()], graph.values(walks)
+    columns, values = [*middle, *graph.shared_keys()], graph.values(states)
     rows, wanted = _dense(counted.linearize(values), columns)
-    linear = graph.factors(walks.frames, replace(judgement, step_weight=weights)).linearize(values)
+    linear = graph.factors(states.anchor_poses, replace(em_weights, step_weight=weights)).linearize(values)
     others = keys.ordering(list(graph.keyframe_keys(set(columns))))
     if others.size():
         _, linear = linear.eliminatePartialSequential(others)
@@ -62,7 +62,7 @@ def step_noise(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Arra
         wanted.reshape(len(whose), 3),
         np.array(whose, dtype=np.int32),
         users,
-        graph.model.drift_weight,
+        graph.parameters.drift_weight,
     )
 
 
@@ -88,10 +88,10 @@ def most_likely_noise(
     return noise
 
 
-def _ordinary(graph: AnchoredGraph, walks: Walks, user: int) -> Array:
+def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:
     """(m - 1,) whether a step is SLAM's own, and none at which it slipped."""
     frames = graph.keyframes[user]
-    away = (steps(walks.local[user], frames) ** 2).sum(axis=1)
+    away = (steps(states.keyframe_poses[user], frames) ** 2).sum(axis=1)
     return np.asarray(~frames.rebuilt & (away < _SLIP**2))
 
 

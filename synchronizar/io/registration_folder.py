@@ -143,7 +143,9 @@ def _user_json(user: UserRegistration) -> dict[str, Any]:
         "scale": 1.0 if frame is None else frame.scale,
         "range_bias": user.range_bias,
         "clock_offset": user.clock_offset,
-        "sigma": None if user.device_sigma is None else {k: _number(v) for k, v in user.device_sigma._asdict().items()},
+        "sigma": None
+        if user.calibration_sigma is None
+        else {k: _number(v) for k, v in user.calibration_sigma._asdict().items()},
         "slam_noise": None
         if user.slam_noise is None
         else dict(zip(("place", "heading"), user.slam_noise, strict=True)),

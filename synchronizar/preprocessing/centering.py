@@ -14,24 +14,26 @@ from dataclasses import replace
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.preprocessing.range_measurements import Samples
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 
-def middles(samples: Samples, users: int) -> Array:
+def centroids(measurements: RangeMeasurements, users: int) -> Array:
     """(k, 3) m: the mean place in the plane of each user's antennas in its own frame.
 
     0 in height, which has its own prior, and for users without samples.
     """
-    ends = np.concatenate([samples.i, samples.j])
-    places = np.concatenate([samples.p_i, samples.p_j])
+    ends = np.concatenate([measurements.i, measurements.j])
+    places = np.concatenate([measurements.p_i, measurements.p_j])
     count = np.maximum(np.bincount(ends, minlength=users), 1)
     sums = [np.bincount(ends, weights=places[:, axis], minlength=users) for axis in (0, 1)]
     return np.column_stack([sums[0] / count, sums[1] / count, np.zeros(users)])
 
 
-def centred(samples: Samples, middle: Array) -> Samples:
+def centered(measurements: RangeMeasurements, middle: Array) -> RangeMeasurements:
     """The same samples about the users' middles (k, 3)."""
-    return replace(samples, p_i=samples.p_i - middle[samples.i], p_j=samples.p_j - middle[samples.j])
+    return replace(
+        measurements, p_i=measurements.p_i - middle[measurements.i], p_j=measurements.p_j - middle[measurements.j]
+    )
 
 
 def about_origins(frames: Array, middle: Array, reference: int) -> Array:

@@ -10,12 +10,12 @@ from synchronizar.data.recording import Recording
 _SIDES = np.array([[1, 0, 0], [0, 1, 0], [1, 1, 0], [1, -1, 0]], dtype=float)
 
 
-def corners_of(recording: Recording) -> Array:
+def extent_points(recording: Recording) -> Array:
     """Points (k, c, 3) of each user's own track that bound it: its ends, and the furthest to eight sides."""
-    corners = np.zeros((len(recording.users), 2 + 2 * len(_SIDES), 3))
+    extent = np.zeros((len(recording.users), 2 + 2 * len(_SIDES), 3))
     for u, user in enumerate(recording.users):
         if not user.static:
             p = recording.tracks[user.name].position
             along = p @ _SIDES.T
-            corners[u] = p[[0, len(p) - 1, *along.argmin(axis=0), *along.argmax(axis=0)]]
-    return corners
+            extent[u] = p[[0, len(p) - 1, *along.argmin(axis=0), *along.argmax(axis=0)]]
+    return extent

@@ -11,9 +11,9 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.geometry import rotate_by_quaternions
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples
-from synchronizar.preprocessing.relocalizations import Mended
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.preprocessing.relocalizations import RepairedTrack
 
 _REACH = 0.1  # s: over which to either side a velocity is taken
 _LEAST_SIGMA = 1e-4  # m and rad: a step that is known any better makes the system singular in its numbers
@@ -50,17 +50,19 @@ class Keyframes:
         return np.searchsorted(self.until, t).astype(np.int32)
 
 
-STANDING = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+STATIC_KEYFRAME = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
 """Of a radio that stands still."""
 
 
-def keyframes_of(mended: Mended, interval: float, model: Model, noise: tuple[float, float] = (1.0, 1.0)) -> Keyframes:
+def keyframes_of(
+    repaired: RepairedTrack, interval: float, parameters: Parameters, noise: tuple[float, float] = (1.0, 1.0)
+) -> Keyframes:
     """At multiples of `interval` s, at both ends of the track, and on both sides of each jump and gap.
 
     `noise`: how many times as far as the model says this SLAM drifts, in place and in heading.
     """
-    track, segment = mended.track, mended.segment
-    broken = (np.diff(segment) != 0) | (np.diff(track.t) > model.longest_pose_gap)
+    track, segment = repaired.track, repaired.segment
+    broken = (np.diff(segment) != 0) | (np.diff(track.t) > parameters.longest_pose_gap)
     begins = np.concatenate([[0], np.flatnonzero(broken) + 1])
     ends = np.concatenate([begins[1:], [len(track)]]) - 1
     pieces = [_spread(track.t, int(a), int(b), interval) for a, b in zip(begins, ends, strict=True)]
@@ -70,13 +72,13 @@ def keyframes_of(mended: Mended, interval: float, model: Model, noise: tuple[flo
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
     dt, way = np.diff(track.t[at]), np.diff(gone[at])
     jumped = np.diff(segment[at]) != 0
-    metres = noise[0] * np.sqrt(model.drift_m_per_sqrt_s**2 * dt + model.drift_m_per_sqrt_m**2 * way)
-    radians = noise[1] * np.sqrt(model.drift_rad_per_sqrt_s**2 * dt + model.drift_rad_per_sqrt_m**2 * way)
+    metres = noise[0] * np.sqrt(parameters.drift_m_per_sqrt_s**2 * dt + parameters.drift_m_per_sqrt_m**2 * way)
+    radians = noise[1] * np.sqrt(parameters.drift_rad_per_sqrt_s**2 * dt + parameters.drift_rad_per_sqrt_m**2 * way)
     # SLAM that had lost gravity knew of a step its length at best.
-    lost = ~mended.level[segment[at[:-1]]]
+    lost = ~repaired.level[segment[at[:-1]]]
     metres = np.hypot(metres, np.where(lost, way, 0.0))
-    metres = np.where(jumped, model.jump_sigma_m, metres)
-    radians = np.where(jumped, model.jump_sigma_rad, radians)
+    metres = np.where(jumped, parameters.jump_sigma_m, metres)
+    radians = np.where(jumped, parameters.jump_sigma_rad, radians)
     sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA)
     return Keyframes(track.t[at], track.position[at], sigma, _between(due), jumped | lost)
 
@@ -98,7 +100,7 @@ def _between(t: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Ends:
+class RangeEnds:
     """What n ranges see of one of their two devices: the antenna beside its keyframe, in the keyframe's axes."""
 
     keyframe: Indices
@@ -114,12 +116,12 @@ class Ends:
         freeze_arrays(self)
 
 
-def ends_of(
-    recording: Recording, samples: Samples, who: Indices, keyframes: list[Keyframes], clock_offset: Array
-) -> Ends:
+def range_ends(
+    recording: Recording, measurements: RangeMeasurements, who: Indices, keyframes: list[Keyframes], clock_offset: Array
+) -> RangeEnds:
     """The end `who` (n,) of each sample, read from the tracks at range time + clock_offset (k,) of the user."""
-    n = len(samples)
-    ranges, row = recording.ranges, samples.row
+    n = len(measurements)
+    ranges, row = recording.ranges, measurements.row
     antenna = np.where(ranges.a[row] == who, ranges.antenna_a[row], ranges.antenna_b[row])
     keyframe = np.zeros(n, dtype=np.int32)
     offset, lever, velocity = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
@@ -128,7 +130,7 @@ def ends_of(
         if user.static or not len(mine):
             continue
         track = recording.tracks[user.name]
-        t = np.clip(samples.t[mine] + clock_offset[u], track.t[0], track.t[-1])
+        t = np.clip(measurements.t[mine] + clock_offset[u], track.t[0], track.t[-1])
         place, arm = _antennas(track, user, t, antenna[mine])
         before, after = np.maximum(t - _REACH, track.t[0]), np.minimum(t + _REACH, track.t[-1])
         begin, end = (
@@ -136,11 +138,11 @@ def ends_of(
             sum(_antennas(track, user, after, antenna[mine])),
         )
         # By the ranges' clock: any keyframe near is good, and so both ends change theirs at the same time.
-        keyframe[mine] = keyframes[u].nearest(samples.t[mine])
+        keyframe[mine] = keyframes[u].nearest(measurements.t[mine])
         offset[mine] = place - keyframes[u].place[keyframe[mine]]
         lever[mine] = arm
         velocity[mine] = (end - begin) / np.maximum(after - before, 1e-3)[:, None]
-    return Ends(keyframe, offset, lever, velocity)
+    return RangeEnds(keyframe, offset, lever, velocity)
 
 
 def _antennas(track: Track, user: User, t: Array, antenna: Indices) -> tuple[Array, Array]:

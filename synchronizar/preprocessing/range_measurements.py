@@ -12,11 +12,11 @@ import numpy as np
 from synchronizar.arrays import Array, Indices, Mask, freeze_arrays
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 
 
 @dataclass(frozen=True)
-class Samples:
+class RangeMeasurements:
     """n usable ranges, sorted by pair of users and, within a pair, by time; i < j are indices of users."""
 
     i: Indices
@@ -33,7 +33,7 @@ class Samples:
     """(n,) m, measured."""
     sigma: Array
     """(n,) m, of an honest range."""
-    late_odds: Array
+    nlos_odds: Array
     """(n,) P(late) / P(not late), before its residual is known."""
     row: Indices
     """(n,) which range of the recording it is."""
@@ -44,9 +44,9 @@ class Samples:
     def __len__(self) -> int:
         return len(self.i)
 
-    def __getitem__(self, which: slice | Mask | Indices) -> Samples:
+    def __getitem__(self, which: slice | Mask | Indices) -> RangeMeasurements:
         """The samples that a slice, a mask or an index array picks; their order must stay sorted by pair."""
-        return Samples(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
+        return RangeMeasurements(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
 
 class Pair(NamedTuple):
@@ -54,20 +54,20 @@ class Pair(NamedTuple):
 
     i: int
     j: int
-    samples: slice
+    measurements: slice
 
 
-def pairs(samples: Samples) -> Iterator[Pair]:
+def pairs(measurements: RangeMeasurements) -> Iterator[Pair]:
     """Each pair of users that has samples, with the slice that holds them."""
-    if not len(samples):
+    if not len(measurements):
         return
-    change = np.flatnonzero(np.diff(samples.i) | np.diff(samples.j)) + 1
-    bounds = [0, *change.tolist(), len(samples)]
+    change = np.flatnonzero(np.diff(measurements.i) | np.diff(measurements.j)) + 1
+    bounds = [0, *change.tolist(), len(measurements)]
     for begin, end in pairwise(bounds):
-        yield Pair(int(samples.i[begin]), int(samples.j[begin]), slice(begin, end))
+        yield Pair(int(measurements.i[begin]), int(measurements.j[begin]), slice(begin, end))
 
 
-def samples_of(recording: Recording, model: Model) -> Samples:
+def range_measurements(recording: Recording, parameters: Parameters) -> RangeMeasurements:
     """The usable ranges of a recording.
 
     A range is usable where its number can be a distance and both devices' places at that time are known. One that
@@ -76,14 +76,16 @@ def samples_of(recording: Recording, model: Model) -> Samples:
     ranges = recording.ranges
     distance = ranges.distance
     usable = np.isfinite(distance)
-    usable &= (np.where(usable, distance, 0.0) >= model.shortest_range) & (
-        np.where(usable, distance, 0.0) <= model.longest_range
+    usable &= (np.where(usable, distance, 0.0) >= parameters.shortest_range) & (
+        np.where(usable, distance, 0.0) <= parameters.longest_range
     )
     p_a, p_b = np.zeros((len(ranges), 3)), np.zeros((len(ranges), 3))
     for user in range(len(recording.users)):
         for end, antenna, p in ((ranges.a, ranges.antenna_a, p_a), (ranges.b, ranges.antenna_b, p_b)):
             mine = np.flatnonzero(end == user)
-            p[mine], known = recording.antenna_positions(user, ranges.t[mine], antenna[mine], model.longest_pose_gap)
+            p[mine], known = recording.antenna_positions(
+                user, ranges.t[mine], antenna[mine], parameters.longest_pose_gap
+            )
             usable[mine[~known]] = False
 
     swap = ranges.a > ranges.b
@@ -97,10 +99,10 @@ def samples_of(recording: Recording, model: Model) -> Samples:
         same &= np.diff(column[order]) == 0
     order = order[np.concatenate([[True], ~same])] if len(order) else order
 
-    sigma = np.where(np.isnan(ranges.sigma), model.range_sigma, ranges.sigma)[order]
-    late_share = _late_share(ranges, model)[order]
+    sigma = np.where(np.isnan(ranges.sigma), parameters.range_sigma, ranges.sigma)[order]
+    late_share = _late_share(ranges, parameters)[order]
     swapped = swap[order, None]
-    return Samples(
+    return RangeMeasurements(
         i=i[order],
         j=j[order],
         t=ranges.t[order],
@@ -108,22 +110,26 @@ def samples_of(recording: Recording, model: Model) -> Samples:
         p_j=np.where(swapped, p_a[order], p_b[order]),
         distance=distance[order],
         sigma=sigma,
-        late_odds=late_share / (1.0 - late_share),
+        nlos_odds=late_share / (1.0 - late_share),
         row=order.astype(np.int32),
     )
 
 
-def _late_share(ranges: Ranges, model: Model) -> Array:
+def _late_share(ranges: Ranges, parameters: Parameters) -> Array:
     """How probable it is (n,) that each range is late, before its residual is known.
 
     High where the radio itself takes the signal for late; else from the power that did not come by the first path
     (DW1000 user manual 4.7: below 6 dB line of sight, above 10 dB none; in between linear); else low where the radio
     takes it for direct, and the model's share where nothing is known.
     """
-    share = np.full(len(ranges), model.late_share)
+    share = np.full(len(ranges), parameters.late_share)
     beside_first_path = ranges.rx_power - ranges.fp_power
-    blocked = (beside_first_path - model.power_clear_db) / (model.power_blocked_db - model.power_clear_db)
-    by_power = model.late_share_clear + np.clip(blocked, 0.0, 1.0) * (model.late_share_blocked - model.late_share_clear)
+    blocked = (beside_first_path - parameters.power_clear_db) / (
+        parameters.power_blocked_db - parameters.power_clear_db
+    )
+    by_power = parameters.late_share_clear + np.clip(blocked, 0.0, 1.0) * (
+        parameters.late_share_blocked - parameters.late_share_clear
+    )
     share = np.where(np.isnan(beside_first_path), share, by_power)
-    share = np.where(ranges.nlos == 1.0, model.late_share_blocked, share)
-    return np.where((ranges.nlos == 0.0) & np.isnan(beside_first_path), model.late_share_clear, share)
+    share = np.where(ranges.nlos == 1.0, parameters.late_share_blocked, share)
+    return np.where((ranges.nlos == 0.0) & np.isnan(beside_first_path), parameters.late_share_clear, share)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from synchronizar.arrays import Array, Indices
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples, pairs
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 
 _MOST_NEIGHBOURS = 8  # of each range, that its error is compared with
 _OWN_WEIGHT = 50.0  # ranges: how many of its own a pair needs to be judged by them rather than by all
@@ -21,22 +21,29 @@ _LARGEST_CORRELATION = 0.95
 _CHANCE = 1.5  # standard deviations
 
 
-def crowd(samples: Samples, model: Model) -> Array:
+def neighbour_counts(measurements: RangeMeasurements, parameters: Parameters) -> Array:
     """(n,) how many ranges of the same pair there are within `multipath_duration` to either side, itself included."""
-    out = np.ones(len(samples))
-    half = model.multipath_duration
-    for pair in pairs(samples):
-        t = samples.t[pair.samples]
-        out[pair.samples] = np.searchsorted(t, t + half, side="right") - np.searchsorted(t, t - half, side="left")
+    out = np.ones(len(measurements))
+    half = parameters.multipath_duration
+    for pair in pairs(measurements):
+        t = measurements.t[pair.measurements]
+        out[pair.measurements] = np.searchsorted(t, t + half, side="right") - np.searchsorted(t, t - half, side="left")
     return out
 
 
-def worth_before(samples: Samples, model: Model) -> Array:
+def prior_range_weights(measurements: RangeMeasurements, parameters: Parameters) -> Array:
     """(n,) as how many independent ranges each counts, before any residual is known."""
-    return np.asarray(1.0 / (1.0 + model.multipath_share * (crowd(samples, model) - 1.0)))
+    return np.asarray(1.0 / (1.0 + parameters.multipath_share * (neighbour_counts(measurements, parameters) - 1.0)))
 
 
-def worth(samples: Samples, judged_sigma: Array, whitened: Array, weight: Array, links: Indices, model: Model) -> Array:
+def measured_range_weights(
+    measurements: RangeMeasurements,
+    judged_sigma: Array,
+    whitened: Array,
+    weight: Array,
+    links: Indices,
+    parameters: Parameters,
+) -> Array:
     """(n,) as how many independent ranges with an error of `judged_sigma` each counts.
 
     `whitened` (n,) are residuals over judged_sigma, `weight` (n,) what the loss gives them. How large errors are is
@@ -48,30 +55,30 @@ def worth(samples: Samples, judged_sigma: Array, whitened: Array, weight: Array,
     score = weight * whitened
     product = both = 0.0
     squares, weights = [], []
-    for pair in pairs(samples):
-        k = pair.samples
-        order = np.lexsort((samples.t[k], links[k]))
-        t, link, s, w = samples.t[k][order], links[k][order], score[k][order], weight[k][order]
+    for pair in pairs(measurements):
+        k = pair.measurements
+        order = np.lexsort((measurements.t[k], links[k]))
+        t, link, s, w = measurements.t[k][order], links[k][order], score[k][order], weight[k][order]
         squares.append(float((s**2).sum()))
         weights.append(float((w**2).sum()))
         own = max(squares[-1] / max(weights[-1], 1e-9), 1e-9)
         for lag in range(1, min(_MOST_NEIGHBOURS, len(t))):
-            near = (t[lag:] - t[:-lag] < model.multipath_neighbours) & (link[lag:] == link[:-lag])
+            near = (t[lag:] - t[:-lag] < parameters.multipath_neighbours) & (link[lag:] == link[:-lag])
             product += float((s[lag:] * s[:-lag])[near].sum()) / own
             both += float((w[lag:] * w[:-lag])[near].sum())
-    weight_of_all = model.multipath_weight + both
-    correlation = (model.multipath_weight * model.multipath_share + product) / weight_of_all
+    weight_of_all = parameters.multipath_weight + both
+    correlation = (parameters.multipath_weight * parameters.multipath_share + product) / weight_of_all
     # What chance alone might show is none (the positive part of James and Stein's shrinkage).
     by_chance = _CHANCE / np.sqrt(weight_of_all)
     correlation = min(max(correlation - by_chance**2 / max(correlation, by_chance), 0.0), _LARGEST_CORRELATION)
-    independent = 1.0 / (1.0 + correlation * (crowd(samples, model) - 1.0))
+    independent = 1.0 / (1.0 + correlation * (neighbour_counts(measurements, parameters) - 1.0))
 
-    nominal = (samples.sigma / judged_sigma) ** 2
+    nominal = (measurements.sigma / judged_sigma) ** 2
     of_all = sum(squares) / max(sum(weights), 1e-9)
     late_of_all = float((weight < 0.5).mean()) if len(weight) else 0.0
-    variance = np.empty(len(samples))
-    for pair, square, count in zip(pairs(samples), squares, weights, strict=True):
-        k = pair.samples
+    variance = np.empty(len(measurements))
+    for pair, square, count in zip(pairs(measurements), squares, weights, strict=True):
+        k = pair.measurements
         late = (_OWN_WEIGHT * late_of_all + float((weight[k] < 0.5).sum())) / (_OWN_WEIGHT + k.stop - k.start)
         variance[k] = np.maximum((_OWN_WEIGHT * of_all + square) / (_OWN_WEIGHT + count), nominal[k])
         variance[k] *= 1.0 + _CONFUSION * late * (1.0 - late)

@@ -17,7 +17,7 @@ from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.jump import Jump
 from synchronizar.data.track import Track
 from synchronizar.geometry import multiply_quaternions, rotate_by_quaternions, yaw_of_quaternions, yaw_quaternion
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _UP = np.array([0.0, 0.0, 1.0])
@@ -26,7 +26,7 @@ _FEWEST_NEIGHBOURS = 3
 
 
 @dataclass(frozen=True)
-class Mended:
+class RepairedTrack:
     """A track without its jumps."""
 
     track: Track
@@ -34,31 +34,31 @@ class Mended:
     jumps: tuple[Jump, ...]
     segment: Indices
     """(n,) which piece between jumps each pose belongs to; 0 before the first jump."""
-    mended_from_slam: Array
+    repaired_from_slam: Array
     """(segments, 4) quaternions x y z w: a mended attitude is this times SLAM's."""
     level: Mask
     """(segments,) whether SLAM knew where up was. Where not, its steps are taken for level: they tell no heights."""
 
 
-def mend(track: Track, model: Model) -> Mended:
+def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrack:
     """Find the jumps of a track and rebuild it without them; with none, the very same track comes back."""
     steps = _steps(track)
     jumped = np.zeros(len(steps.dt), dtype=bool)
     if len(track) > 1:
-        jumped = _jumped_by_position(steps, model)
-        jumped |= _jumped_by_attitude(track, steps, jumped, model)
+        jumped = _jumped_by_position(steps, parameters)
+        jumped |= _jumped_by_attitude(track, steps, jumped, parameters)
     segment = np.concatenate([[0], np.cumsum(jumped)]).astype(np.int32)
     if not jumped.any():
-        return Mended(track, (), segment, _IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
+        return RepairedTrack(track, (), segment, _IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
 
     at = _rows(jumped)
-    unrest = _unrest(_predict(steps, ~jumped, model.jump_neighbours, model).turned)
-    least_tilt = max(model.jump_tilt, model.jump_spread * unrest)
-    continued, way = _continue(track, steps, jumped, least_tilt, model)
-    mended_from_slam, level = _level(track, segment, continued, least_tilt)
+    unrest = _unrest(_predict(steps, ~jumped, parameters.jump_neighbours, parameters).turned)
+    least_tilt = max(parameters.jump_tilt, parameters.jump_spread * unrest)
+    continued, way = _continue(track, steps, jumped, least_tilt, parameters)
+    repaired_from_slam, level = _level(track, segment, continued, least_tilt)
 
-    attitude = multiply_quaternions(mended_from_slam[segment], track.quat_xyzw)
-    ways = rotate_by_quaternions(mended_from_slam[segment[:-1]], way)
+    attitude = multiply_quaternions(repaired_from_slam[segment], track.quat_xyzw)
+    ways = rotate_by_quaternions(repaired_from_slam[segment[:-1]], way)
     ways[:, 2] *= level[segment[:-1]]
     position = track.position[0] + np.vstack([np.zeros(3), np.cumsum(ways, axis=0)])
     first_level = int(np.argmax(level[segment]))
@@ -69,7 +69,7 @@ def mend(track: Track, model: Model) -> Mended:
         Jump(float(track.t[k + 1]), int(k) + 1, float(distance), float(turn), float(tilt))
         for k, distance, turn, tilt in zip(at, away, yaw_of_quaternions(change), _tilt(change), strict=True)
     )
-    return Mended(Track(track.t, position, _unit(attitude)), jumps, segment, mended_from_slam, level)
+    return RepairedTrack(Track(track.t, position, _unit(attitude)), jumps, segment, repaired_from_slam, level)
 
 
 class _Steps(NamedTuple):
@@ -110,18 +110,18 @@ def _steps(track: Track) -> _Steps:
     return _Steps(track.t[:-1], dt, way, np.column_stack([body_way, way, turn]) / dt[:, None])
 
 
-def _jumped_by_position(steps: _Steps, model: Model) -> Mask:
+def _jumped_by_position(steps: _Steps, parameters: Parameters) -> Mask:
     """(n,) which steps lead where no device could have gone.
 
     A jump must exceed what is worth mending; what acceleration makes of a step that begins and ends with the
     neighbours' velocity, a dt^2 / 4; and the track's own unrest. A jump that fell between the stamps of a track that
     was resampled shows in two steps, so beside one that jumped half of either bound is enough.
     """
-    least = np.maximum(model.jump_least, 0.25 * model.jump_acceleration * steps.dt**2)
-    spread = model.jump_spread * steps.stretch
+    least = np.maximum(parameters.jump_least, 0.25 * parameters.jump_acceleration * steps.dt**2)
+    spread = parameters.jump_spread * steps.stretch
     jumped = np.zeros(len(steps.dt), dtype=bool)
     for _ in range(_PASSES):
-        away = _predict(steps, ~jumped, model.jump_neighbours, model).away
+        away = _predict(steps, ~jumped, parameters.jump_neighbours, parameters).away
         unrest = spread * _unrest(away)
         found = away > np.maximum(least, unrest)
         beside = np.zeros_like(found)
@@ -134,31 +134,33 @@ def _jumped_by_position(steps: _Steps, model: Model) -> Mask:
     return jumped
 
 
-def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, model: Model) -> Mask:
+def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, parameters: Parameters) -> Mask:
     """(n,) which other steps show that SLAM's axes turned about the device.
 
     The attitude turns as no device can, and does not come back within a moment; else it was the attitude alone that
     went wrong. Whether the velocity agrees is asked of these as of every jump.
     """
-    turned = _predict(steps, ~jumped, model.jump_neighbours, model).turned
-    unrest = model.jump_spread * steps.stretch * _unrest(turned)
-    least = np.maximum(np.maximum(unrest, model.jump_turn), model.jump_rate * steps.dt)
+    turned = _predict(steps, ~jumped, parameters.jump_neighbours, parameters).turned
+    unrest = parameters.jump_spread * steps.stretch * _unrest(turned)
+    least = np.maximum(np.maximum(unrest, parameters.jump_turn), parameters.jump_rate * steps.dt)
     candidates = _rows((turned > least) & ~jumped)
     found = np.zeros_like(jumped)
     if not len(candidates):
         return found
     q = track.quat_xyzw
-    for moment in np.split(candidates, np.flatnonzero(np.diff(steps.begin[candidates]) > model.glitch_duration) + 1):
+    for moment in np.split(
+        candidates, np.flatnonzero(np.diff(steps.begin[candidates]) > parameters.glitch_duration) + 1
+    ):
         before, after = moment[0], moment[-1] + 1
-        earlier = np.searchsorted(track.t, track.t[before] - model.glitch_duration)
-        later = np.searchsorted(track.t, track.t[after] + model.glitch_duration, side="right")
+        earlier = np.searchsorted(track.t, track.t[before] - parameters.glitch_duration)
+        later = np.searchsorted(track.t, track.t[after] + parameters.glitch_duration, side="right")
         apart = np.append(_angle_between(q[before], q[after:later]), _angle_between(q[after], q[earlier : before + 1]))
         if apart.min() > 0.5 * turned[moment].max():
-            found[moment] = not _axes_stayed(steps, jumped, moment, model)
+            found[moment] = not _axes_stayed(steps, jumped, moment, parameters)
     return found
 
 
-def _predict(steps: _Steps, good: Mask, neighbours: int, model: Model) -> _Prediction:
+def _predict(steps: _Steps, good: Mask, neighbours: int, parameters: Parameters) -> _Prediction:
     """What so many good steps on either side of it say of each step.
 
     A device that starts, stops or turns has another velocity on either side, and any in between on the way: only what
@@ -175,7 +177,7 @@ def _predict(steps: _Steps, good: Mask, neighbours: int, model: Model) -> _Predi
     for index in (np.searchsorted(rows, k)[:, None] - 1 - near, np.searchsorted(rows, k, "right")[:, None] + near):
         there = rows[np.clip(index, 0, len(rows) - 1)]
         apart = np.maximum(steps.begin[:, None] - middle[there], middle[there] - end[:, None])
-        valid = (index >= 0) & (index < len(rows)) & (apart <= model.longest_pose_gap)
+        valid = (index >= 0) & (index < len(rows)) & (apart <= parameters.longest_pose_gap)
         sides.append(_median(steps.twist[there], valid))
     (before, n_before), (after, n_after) = sides
     before, after = np.where(n_before[:, None], before, after), np.where(n_after[:, None], after, before)
@@ -185,7 +187,9 @@ def _predict(steps: _Steps, good: Mask, neighbours: int, model: Model) -> _Predi
     return _Prediction(0.5 * (before + after), judged * np.minimum(body, slam), judged * rate)
 
 
-def _continue(track: Track, steps: _Steps, jumped: Mask, least_tilt: float, model: Model) -> tuple[Array, Array]:
+def _continue(
+    track: Track, steps: _Steps, jumped: Mask, least_tilt: float, parameters: Parameters
+) -> tuple[Array, Array]:
     """Each piece's axes (segments, 4) in those of the first, and the ways (n, 3) m of all steps with jumps rebuilt.
 
     A step that jumped is as the two beside it are on average. Jumps that follow one another at once are one event, of
@@ -193,14 +197,14 @@ def _continue(track: Track, steps: _Steps, jumped: Mask, least_tilt: float, mode
     the vertical itself changed beyond noise.
     """
     at = _rows(jumped)
-    moved = _predict(steps, ~jumped, 1, model).twist[at] * steps.dt[at, None]
+    moved = _predict(steps, ~jumped, 1, parameters).twist[at] * steps.dt[at, None]
     q, q_next = track.quat_xyzw[at], track.quat_xyzw[at + 1]
     turns = multiply_quaternions(multiply_quaternions(q, _quaternion(moved[:, 6:])), _inverse(q_next))
     rebuilt = rotate_by_quaternions(q, moved[:, :3])
     axes = np.tile(_IDENTITY, (len(at) + 1, 1))
     for event in np.split(np.arange(len(at)), np.flatnonzero(np.diff(at) > 1) + 1):
         turned = _products(turns[event])
-        if _angle(turned[-1]) > model.jump_turn and _axes_stayed(steps, jumped, at[event], model):
+        if _angle(turned[-1]) > parameters.jump_turn and _axes_stayed(steps, jumped, at[event], parameters):
             turned = np.tile(_IDENTITY, (len(event), 1))
             rebuilt[event] = moved[event, 3:6]
         elif _tilt(turned[-1]) <= least_tilt:
@@ -211,14 +215,14 @@ def _continue(track: Track, steps: _Steps, jumped: Mask, least_tilt: float, mode
     return axes, way
 
 
-def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, model: Model) -> bool:
+def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, parameters: Parameters) -> bool:
     """Whether velocity goes on in SLAM's axes over a run of steps, not in the body's: the attitude alone went wrong.
 
     Velocities are means over half a moment on either side. Where the device hardly moves they do not tell; then the
     axes turned: SLAM's motion and attitude come from one estimate, and an attitude that goes wrong alone comes back.
     """
     before, after = run[0], run[-1]
-    t, half = steps.begin, 0.5 * model.glitch_duration
+    t, half = steps.begin, 0.5 * parameters.glitch_duration
     others = np.setdiff1d(np.flatnonzero(jumped), run)
     first = max(np.searchsorted(t, t[before] - half), others[others < before].max(initial=-1) + 1)
     last = min(np.searchsorted(t, t[after] + half), others[others > after].min(initial=len(t)))
@@ -227,11 +231,11 @@ def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, model: Model) -> boo
     sides = (slice(first, before), slice(after + 1, last))
     v_before, v_after = (np.average(steps.twist[side, :6], axis=0, weights=steps.dt[side]) for side in sides)
     body, slam = np.linalg.norm((v_after - v_before).reshape(2, 3), axis=1)
-    return bool(body > model.jump_speed and slam < 0.5 * body)
+    return bool(body > parameters.jump_speed and slam < 0.5 * body)
 
 
 def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> tuple[Array, Mask]:
-    """`mended_from_slam` (segments, 4): axes that are level as a whole, with the heading of the first piece.
+    """`repaired_from_slam` (segments, 4): axes that are level as a whole, with the heading of the first piece.
 
     Level is the vertical on which pieces of the longest time in all agree: SLAM that lost gravity finds it again. They
     keep it as they have it; the others are turned as they are to them. And which (segments,) are the former.

@@ -1,9 +1,9 @@
 from __future__ import annotations
 
-from synchronizar.cooperative import Portions, finish
+from synchronizar.cooperative import Cooperative, finish
 
 
-def counting(to: int, done: list[int]) -> Portions[str]:
+def counting(to: int, done: list[int]) -> Cooperative[str]:
     for n in range(to):
         done.append(n)
         yield

@@ -7,13 +7,23 @@ import pytest
 from support import reference_kernel as reference
 from support.reference_kernel import Numbers
 
-from synchronizar._core import Cauchy, Device, DeviceBlock, GemanMcClure, Huber, Late, Squared, UserPose, judge
+from synchronizar._core import (
+    CalibratedRangeBlock,
+    Calibration,
+    Cauchy,
+    GemanMcClure,
+    Huber,
+    NlosMixture,
+    Squared,
+    UserPose,
+    mixture_terms,
+)
 from synchronizar.arrays import Array
 
 if TYPE_CHECKING:
     from synchronizar._core import Loss
 
-LATE = Late(scale=1.0, early_odds=0.002)
+LATE = NlosMixture(scale=1.0, early_odds=0.002)
 LOSSES: dict[str, Loss] = {
     "squared": Squared(),
     "huber": Huber(),
@@ -39,11 +49,11 @@ class Measured(NamedTuple):
     j: Antennas
     distance: Array
     sigma: Array
-    late_odds: Array
-    worth: Array
+    nlos_odds: Array
+    range_weight: Array
 
-    def block(self) -> DeviceBlock:
-        return DeviceBlock(*self)
+    def block(self) -> CalibratedRangeBlock:
+        return CalibratedRangeBlock(*self)
 
 
 @pytest.fixture(scope="module", params=sorted(LOSSES))
@@ -80,7 +90,7 @@ def rows(ranges: Measured) -> Array:
 def losses(ranges: Measured, loss: Loss, annealing: float) -> tuple[Array, Array]:
     """(n,) whitened residuals, and rho, weight and curvature (3, n) of every range."""
     e = (predicted(PLACE_I, PLACE_J, ranges) - ranges.distance) / ranges.sigma
-    of_ranges = zip(e, ranges.sigma, ranges.late_odds, strict=True)
+    of_ranges = zip(e, ranges.sigma, ranges.nlos_odds, strict=True)
     return e, np.array([reference.loss_value(loss, *of_range, annealing) for of_range in of_ranges]).T
 
 
@@ -98,8 +108,8 @@ def measured(n: int, offset: float = 0.0, seed: int = 1) -> Measured:
     return ranges._replace(distance=distance)
 
 
-def ends(i: Array = PLACE_I, j: Array = PLACE_J) -> tuple[UserPose, Device, UserPose, Device]:
-    return UserPose(*i[:8]), Device(*i[8:]), UserPose(*j[:8]), Device(*j[8:])
+def ends(i: Array = PLACE_I, j: Array = PLACE_J) -> tuple[UserPose, Calibration, UserPose, Calibration]:
+    return UserPose(*i[:8]), Calibration(*i[8:]), UserPose(*j[:8]), Calibration(*j[8:])
 
 
 def square_root(ranges: Measured, loss: Loss, annealing: float = 1.0) -> tuple[Array, Array]:
@@ -120,7 +130,7 @@ def test_residuals_are_predicted_minus_measured_one_by_one() -> None:
 def test_the_cost_takes_each_loss_as_often_as_it_is_worth(loss: Loss, annealing: float) -> None:
     ranges = measured(60)
     _, (rho, _, _) = losses(ranges, loss, annealing)
-    assert ranges.block().cost(*ends(), loss, annealing) == pytest.approx(ranges.worth @ rho, rel=1e-12)
+    assert ranges.block().cost(*ends(), loss, annealing) == pytest.approx(ranges.range_weight @ rho, rel=1e-12)
 
 
 @annealings
@@ -129,7 +139,7 @@ def test_the_ten_rows_hold_the_gradient_of_the_cost_exactly(loss: Loss, annealin
     ranges = measured(60, offset)
     e, (_, weight, _) = losses(ranges, loss, annealing)
     A, b = square_root(ranges, loss, annealing)
-    expected = rows(ranges).T @ (ranges.worth * weight * e / ranges.sigma)
+    expected = rows(ranges).T @ (ranges.range_weight * weight * e / ranges.sigma)
     np.testing.assert_allclose(A.T @ b, expected, atol=1e-8 * np.abs(A.T @ b).max())
 
 
@@ -139,23 +149,23 @@ def test_the_ten_rows_hold_the_documented_information(loss: Loss, annealing: flo
     ranges = measured(60, offset)
     e, (_, weight, curvature) = losses(ranges, loss, annealing)
     J = rows(ranges)
-    kept = ranges.worth * np.maximum(curvature, 0.1 * weight) / ranges.sigma**2
+    kept = ranges.range_weight * np.maximum(curvature, 0.1 * weight) / ranges.sigma**2
     between = antennas(PLACE_I, ranges.i) - antennas(PLACE_J, ranges.j)
     length = np.linalg.norm(between, axis=1)
-    bending = ranges.worth * weight * e / ranges.sigma * (1.0 - (between[:, 2] / length) ** 2) / length
+    height_curvature = ranges.range_weight * weight * e / ranges.sigma * (1.0 - (between[:, 2] / length) ** 2) / length
     up = np.zeros(22)
     up[HEIGHTS] = 1.0, np.exp(PLACE_I[8]), -1.0, -np.exp(PLACE_J[8])
-    expected = J.T @ (kept[:, None] * J) + max(bending.sum(), 0.0) * np.outer(up, up)
+    expected = J.T @ (kept[:, None] * J) + max(height_curvature.sum(), 0.0) * np.outer(up, up)
     A, _ = square_root(ranges, loss, annealing)
     np.testing.assert_allclose(A.T @ A, expected, atol=1e-8 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("bending", [0.0, 7.0])
-def test_bending_that_is_handed_in_stands_for_the_blocks_own(bending: float) -> None:
+@pytest.mark.parametrize("height_curvature", [0.0, 7.0])
+def test_bending_that_is_handed_in_stands_for_the_blocks_own(height_curvature: float) -> None:
     block, up = measured(60, 0.6).block(), np.zeros(22)
     up[HEIGHTS] = 1.0, np.exp(PLACE_I[8]), -1.0, -np.exp(PLACE_J[8])
-    given, none = (block.square_root(*ends(), LATE, bending=b) for b in (bending, -1.0))
-    expected = none[:, :-1].T @ none[:, :-1] + bending * np.outer(up, up)
+    given, none = (block.square_root(*ends(), LATE, height_curvature=b) for b in (height_curvature, -1.0))
+    expected = none[:, :-1].T @ none[:, :-1] + height_curvature * np.outer(up, up)
     np.testing.assert_allclose(given[:, :-1].T @ given[:, :-1], expected, atol=1e-8 * np.abs(expected).max())
     np.testing.assert_allclose(given[:, :-1].T @ given[:, -1], none[:, :-1].T @ none[:, -1], atol=1e-6)
 
@@ -164,7 +174,7 @@ def test_bending_that_is_handed_in_stands_for_the_blocks_own(bending: float) -> 
 def test_any_number_of_ranges_is_squeezed_alike(n: int) -> None:
     ranges = measured(n)._replace(distance=measured(n).distance + 5.0)  # far too long: no height is bent
     e = (predicted(PLACE_I, PLACE_J, ranges) - ranges.distance) / ranges.sigma
-    whitened = np.sqrt(ranges.worth)[:, None] * np.column_stack([rows(ranges) / ranges.sigma[:, None], e])
+    whitened = np.sqrt(ranges.range_weight)[:, None] * np.column_stack([rows(ranges) / ranges.sigma[:, None], e])
     found = ranges.block().square_root(*ends(), Squared())
     expected = whitened.T @ whitened
     np.testing.assert_allclose(found.T @ found, expected, atol=1e-12 * np.abs(expected).max())
@@ -192,7 +202,7 @@ def test_a_block_keeps_its_own_copy_of_the_ranges() -> None:
 
 def test_a_device_is_perfect_unless_told_otherwise() -> None:
     ranges = measured(5)
-    perfect = [UserPose(*PLACE_I[:8]), Device(), UserPose(*PLACE_J[:8]), Device()]
+    perfect = [UserPose(*PLACE_I[:8]), Calibration(), UserPose(*PLACE_J[:8]), Calibration()]
     i, j = (np.concatenate([place[:8], np.zeros(3)]) for place in (PLACE_I, PLACE_J))
     np.testing.assert_array_equal(ranges.block().residuals(*perfect), ranges.block().residuals(*ends(i, j)))
 
@@ -212,13 +222,13 @@ BROKEN = {
     "a distance of NaN": (GOOD._replace(distance=np.full(3, np.nan)), "finite"),
     "a sigma missing": (GOOD._replace(sigma=SHORT), "sigma"),
     "a sigma of zero": (GOOD._replace(sigma=np.array([0.1, 0.0, 0.1])), "sigma must be positive"),
-    "odds missing": (GOOD._replace(late_odds=SHORT), "late_odds"),
-    "negative odds": (GOOD._replace(late_odds=np.array([0.1, -0.1, 0.1])), "late_odds must not be negative"),
-    "a worth missing": (GOOD._replace(worth=SHORT), "worth"),
-    "a worth of zero": (GOOD._replace(worth=np.array([1.0, 0.0, 1.0])), "worth"),
-    "a negative worth": (GOOD._replace(worth=np.array([1.0, -1.0, 1.0])), "worth"),
-    "a worth of NaN": (GOOD._replace(worth=np.array([1.0, np.nan, 1.0])), "worth"),
-    "a worth of infinity": (GOOD._replace(worth=np.array([1.0, np.inf, 1.0])), "worth"),
+    "odds missing": (GOOD._replace(nlos_odds=SHORT), "nlos_odds"),
+    "negative odds": (GOOD._replace(nlos_odds=np.array([0.1, -0.1, 0.1])), "nlos_odds must not be negative"),
+    "a weight missing": (GOOD._replace(range_weight=SHORT), "range_weight"),
+    "a weight of zero": (GOOD._replace(range_weight=np.array([1.0, 0.0, 1.0])), "range_weight"),
+    "a negative weight": (GOOD._replace(range_weight=np.array([1.0, -1.0, 1.0])), "range_weight"),
+    "a weight of NaN": (GOOD._replace(range_weight=np.array([1.0, np.nan, 1.0])), "range_weight"),
+    "a weight of infinity": (GOOD._replace(range_weight=np.array([1.0, np.inf, 1.0])), "range_weight"),
 }
 
 
@@ -246,16 +256,16 @@ def test_a_loss_is_never_narrower_than_it_is(annealing: float) -> None:
 def test_ranges_are_judged_one_by_one() -> None:
     random = np.random.default_rng(2)
     e, sigma, odds = random.normal(0.0, 4.0, 80), random.uniform(0.05, 0.3, 80), random.uniform(0.0, 2.0, 80)
-    cost, weight, honest = judge(e, sigma, odds, LATE)
+    cost, weight, inlier_probability = mixture_terms(e, sigma, odds, LATE)
     alone = np.array([LATE(*of_range) for of_range in zip(e, sigma, odds, strict=True)])
     np.testing.assert_array_equal(np.column_stack([cost, weight]), alone[:, :2])
     stray = np.where(e < 0.0, odds, LATE.early_odds) * reference.stray_density(e, sigma, LATE.scale)
     density = reference.honest_density(e, sigma)
-    np.testing.assert_allclose(honest, density / (density + stray), rtol=1e-12)
+    np.testing.assert_allclose(inlier_probability, density / (density + stray), rtol=1e-12)
 
 
 def test_columns_that_are_judged_are_of_one_length() -> None:
     for lengths in ((3, 2, 3), (3, 3, 2), (2, 3, 3)):
         with pytest.raises(ValueError, match="all columns"):
-            judge(*(np.ones(n) for n in lengths), LATE)
-    assert [len(column) for column in judge(*np.zeros((3, 0)), LATE)] == [0, 0, 0]
+            mixture_terms(*(np.ones(n) for n in lengths), LATE)
+    assert [len(column) for column in mixture_terms(*np.zeros((3, 0)), LATE)] == [0, 0, 0]

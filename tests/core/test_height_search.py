@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from synchronizar._core import Late, RangeBlock, Squared, UserPose, search_heights
+from synchronizar._core import NlosMixture, RangeBlock, Squared, UserPose, search_heights
 from synchronizar.arrays import Array, Mask
 
 STEP, REACH = 0.05, 4.0  # m, and sigmas: of the grid that heights are sought on
-LATE = Late(scale=1.0, early_odds=0.002)
+LATE = NlosMixture(scale=1.0, early_odds=0.002)
 SIGMA = 0.15 / np.sqrt(2.0)
 Pairs = list[tuple[int, int, RangeBlock]]
 repeatable = settings(derandomize=True, deadline=None, max_examples=25)

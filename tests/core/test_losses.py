@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.reference_kernel import loss_value
 
-from synchronizar._core import Cauchy, GemanMcClure, Huber, Late, RangeBlock, Squared, UserPose
+from synchronizar._core import Cauchy, GemanMcClure, Huber, NlosMixture, RangeBlock, Squared, UserPose
 
 if TYPE_CHECKING:
     from synchronizar._core import Loss
 
-LATE = Late(scale=1.0, early_odds=0.002)
+LATE = NlosMixture(scale=1.0, early_odds=0.002)
 LOSSES: dict[str, Loss] = {
     "squared": Squared(),
     "huber": Huber(),
@@ -34,10 +34,10 @@ def loss(request: pytest.FixtureRequest) -> Loss:
     return LOSSES[request.param]
 
 
-def annealed(loss: Loss, e: float, sigma: float, late_odds: float, annealing: float) -> tuple[float, float]:
+def annealed(loss: Loss, e: float, sigma: float, nlos_odds: float, annealing: float) -> tuple[float, float]:
     """(rho, weight) of a single range with the whitened residual e, which only a block anneals."""
     block = RangeBlock(
-        np.zeros((1, 3)), np.array([[50.0, 0.0, 0.0]]), *np.array([[50.0 - e * sigma], [sigma], [late_odds]])
+        np.zeros((1, 3)), np.array([[50.0, 0.0, 0.0]]), *np.array([[50.0 - e * sigma], [sigma], [nlos_odds]])
     )
     i, j = UserPose(), UserPose()
     return block.cost(i, j, loss, annealing), float(block.weights(i, j, loss, annealing)[0])
@@ -51,24 +51,24 @@ def test_a_perfect_range_costs_nothing(loss: Loss) -> None:
     assert curvature == weight
 
 
-@given(e=errors, sigma=sigmas, late_odds=odds)
+@given(e=errors, sigma=sigmas, nlos_odds=odds)
 @repeatable
-def test_weight_and_curvature_are_derivatives_of_the_cost(loss: Loss, e: float, sigma: float, late_odds: float) -> None:
-    expected = loss_value(loss, e, sigma, late_odds)
-    rho, weight, curvature = loss(e, sigma, late_odds)
+def test_weight_and_curvature_are_derivatives_of_the_cost(loss: Loss, e: float, sigma: float, nlos_odds: float) -> None:
+    expected = loss_value(loss, e, sigma, nlos_odds)
+    rho, weight, curvature = loss(e, sigma, nlos_odds)
     assert rho == pytest.approx(expected[0], rel=1e-9, abs=1e-14)
     if abs(e) > 1e-6:  # below, rho' itself is lost among the digits of the numerical one
         assert weight == pytest.approx(expected[1], rel=1e-6, abs=1e-12)
     assert curvature == pytest.approx(expected[2], rel=1e-6, abs=1e-8)
 
 
-@given(e=errors, sigma=sigmas, late_odds=odds)
+@given(e=errors, sigma=sigmas, nlos_odds=odds)
 @repeatable
-def test_a_larger_error_never_costs_less(loss: Loss, e: float, sigma: float, late_odds: float) -> None:
-    rho, weight, _ = loss(e, sigma, late_odds)
+def test_a_larger_error_never_costs_less(loss: Loss, e: float, sigma: float, nlos_odds: float) -> None:
+    rho, weight, _ = loss(e, sigma, nlos_odds)
     assert rho >= 0.0
     assert 0.0 <= weight <= 1.0 + 1e-12
-    assert rho <= loss(1.01 * e, sigma, late_odds)[0] + 1e-12
+    assert rho <= loss(1.01 * e, sigma, nlos_odds)[0] + 1e-12
 
 
 def test_weights_have_their_limit_at_zero(loss: Loss) -> None:
@@ -88,29 +88,29 @@ def test_values_by_hand() -> None:
 
 def test_only_the_late_loss_knows_a_side(loss: Loss) -> None:
     alike = loss(-2.5, 0.1, 0.25) == loss(2.5, 0.1, 0.25)
-    assert alike == (not isinstance(loss, Late))
+    assert alike == (not isinstance(loss, NlosMixture))
 
 
 def test_the_late_cost_is_the_mixtures_negative_logarithm() -> None:
-    e, sigma, late_odds = -4.0, 0.1, 0.25
-    honest = np.exp(-(e**2) / 2.0) / (np.sqrt(2.0 * np.pi) * sigma)
+    e, sigma, nlos_odds = -4.0, 0.1, 0.25
+    inlier_probability = np.exp(-(e**2) / 2.0) / (np.sqrt(2.0 * np.pi) * sigma)
     late = 2.0 / (np.pi * LATE.scale * (1.0 + (e * sigma / LATE.scale) ** 2))
     honest_at_0, late_at_0 = 1.0 / (np.sqrt(2.0 * np.pi) * sigma), 2.0 / (np.pi * LATE.scale)
-    expected = np.log((honest_at_0 + late_odds * late_at_0) / (honest + late_odds * late))
-    assert LATE(e, sigma, late_odds)[0] == pytest.approx(expected, rel=1e-12)
+    expected = np.log((honest_at_0 + nlos_odds * late_at_0) / (inlier_probability + nlos_odds * late))
+    assert LATE(e, sigma, nlos_odds)[0] == pytest.approx(expected, rel=1e-12)
     block = RangeBlock(
         np.zeros((1, 3)), np.array([[5.0, 0.0, 0.0]]), np.array([5.4]), np.array([sigma]), np.array([0.25])
     )
-    posterior = honest / (honest + late_odds * late)
-    assert block.honest(UserPose(), UserPose(), LATE)[0] == pytest.approx(posterior, rel=1e-9)
+    posterior = inlier_probability / (inlier_probability + nlos_odds * late)
+    assert block.inlier_probability(UserPose(), UserPose(), LATE)[0] == pytest.approx(posterior, rel=1e-9)
 
 
 def test_both_densities_of_the_late_loss_are_of_measure_one() -> None:
     """Its tail over the honest density at 0, summed up over lengths, is the odds times the honest density's own sum."""
-    sigma, late_odds, scale = 0.2, 1e9, 0.7  # of an all but certainly late range the cost is that of lateness alone
-    loss = Late(scale, 0.0)
+    sigma, nlos_odds, scale = 0.2, 1e9, 0.7  # of an all but certainly late range the cost is that of lateness alone
+    loss = NlosMixture(scale, 0.0)
     x = np.tan(np.linspace(0.0, np.pi / 2.0, 20001)[:-1])
-    density = np.array([np.exp(-loss(-length * scale / sigma, sigma, late_odds)[0]) for length in x])
+    density = np.array([np.exp(-loss(-length * scale / sigma, sigma, nlos_odds)[0]) for length in x])
     at_zero = 2.0 / (np.pi * scale)
     total = at_zero * scale * np.trapezoid(density * (1.0 + x**2), np.arctan(x))
     assert total == pytest.approx(1.0, abs=1e-3)
@@ -132,20 +132,20 @@ def test_what_is_late_soon_stops_to_matter_and_what_is_early_much_later() -> Non
 @pytest.mark.parametrize("e", [-1e-3, -1.0, -5.0, -30.0, -45.0, -1e3])
 def test_a_range_that_cannot_be_late_is_squared_on_that_side(e: float) -> None:
     assert LATE(e, 0.1, 0.0) == pytest.approx(Squared()(e), rel=1e-9, abs=1e-12)
-    assert Late(1.0, 0.0)(-e, 0.1, 0.25) == pytest.approx(Squared()(e), rel=1e-9, abs=1e-12)
+    assert NlosMixture(1.0, 0.0)(-e, 0.1, 0.25) == pytest.approx(Squared()(e), rel=1e-9, abs=1e-12)
 
 
-@given(e=st.floats(-1e4, 1e4), sigma=st.floats(1e-3, 10.0), late_odds=st.floats(0.0, 1e12), scale=st.floats(0.01, 10.0))
+@given(e=st.floats(-1e4, 1e4), sigma=st.floats(1e-3, 10.0), nlos_odds=st.floats(0.0, 1e12), scale=st.floats(0.01, 10.0))
 @repeatable
-def test_the_late_loss_is_finite_whatever_the_error(e: float, sigma: float, late_odds: float, scale: float) -> None:
-    assert np.isfinite(Late(scale, 0.0)(e, sigma, late_odds)).all()
+def test_the_late_loss_is_finite_whatever_the_error(e: float, sigma: float, nlos_odds: float, scale: float) -> None:
+    assert np.isfinite(NlosMixture(scale, 0.0)(e, sigma, nlos_odds)).all()
 
 
-@given(e=errors, sigma=sigmas, late_odds=odds, annealing=annealings)
+@given(e=errors, sigma=sigmas, nlos_odds=odds, annealing=annealings)
 @repeatable
-def test_annealing_widens_the_loss(loss: Loss, e: float, sigma: float, late_odds: float, annealing: float) -> None:
-    expected = loss_value(loss, e, sigma, late_odds, annealing)
-    rho, weight = annealed(loss, e, sigma, late_odds, annealing)
+def test_annealing_widens_the_loss(loss: Loss, e: float, sigma: float, nlos_odds: float, annealing: float) -> None:
+    expected = loss_value(loss, e, sigma, nlos_odds, annealing)
+    rho, weight = annealed(loss, e, sigma, nlos_odds, annealing)
     assert rho == pytest.approx(expected[0], rel=1e-9, abs=1e-10)
     if abs(e) > 1e-4:  # below, the error is lost among the digits of the distance
         assert weight == pytest.approx(expected[1], rel=1e-6, abs=1e-9)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.reference_kernel import honest_density, stray_density
 
-from synchronizar._core import Late, judge_bursts
+from synchronizar._core import NlosMixture, burst_nlos_odds
 from synchronizar.arrays import Array
 
-LATE = Late(scale=1.0, early_odds=0.002)
+LATE = NlosMixture(scale=1.0, early_odds=0.002)
 SHARE, DURATION = 0.1, 1.0
 TYPICAL_ODDS = SHARE / (1.0 - SHARE)
 
@@ -47,40 +47,40 @@ def transition(dt: float, share: float, duration: float) -> Array:
     return out
 
 
-def emission(e: float, sigma: float, late_odds: float, loss: Late, share: float) -> Array:
+def emission(e: float, sigma: float, nlos_odds: float, loss: NlosMixture, share: float) -> Array:
     """(25,): the density of the residual in each state over that of a perfect honest range."""
     at_zero = honest_density(0.0, sigma)
-    honest = honest_density(e, sigma)
+    inlier_probability = honest_density(e, sigma)
     if e > 0.0:
-        honest += loss.early_odds * stray_density(e, sigma, loss.scale)
+        inlier_probability += loss.early_odds * stray_density(e, sigma, loss.scale)
     spread = np.sqrt(sigma**2 + VARIANCE * loss.scale**2)
     late = honest_density((e * sigma + LENGTH * loss.scale) / spread, spread)
-    return np.array([honest, *(late * late_odds / (share / (1.0 - share)))]) / float(at_zero)
+    return np.array([inlier_probability, *(late * nlos_odds / (share / (1.0 - share)))]) / float(at_zero)
 
 
 def every_path(
-    t: Array, e: Array, sigma: Array, late_odds: Array, loss: Late, share: float, duration: float
+    t: Array, e: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, share: float, duration: float
 ) -> tuple[Array, float]:
     """P(late) of up to three ranges and the negative log likelihood, by summing over every path of states."""
-    paths = np.array([1.0 - share, *(share * PRIOR)]) * emission(e[0], sigma[0], late_odds[0], loss, share)
+    paths = np.array([1.0 - share, *(share * PRIOR)]) * emission(e[0], sigma[0], nlos_odds[0], loss, share)
     for k in range(1, len(t)):
-        arrives = transition(t[k] - t[k - 1], share, duration) * emission(e[k], sigma[k], late_odds[k], loss, share)
+        arrives = transition(t[k] - t[k - 1], share, duration) * emission(e[k], sigma[k], nlos_odds[k], loss, share)
         paths = paths[..., None] * arrives
     total = paths.sum()
-    honest = np.array([np.take(paths, 0, axis=k).sum() for k in range(len(t))])
-    return 1.0 - honest / total, float(-np.log(total))
+    inlier_probability = np.array([np.take(paths, 0, axis=k).sum() for k in range(len(t))])
+    return 1.0 - inlier_probability / total, float(-np.log(total))
 
 
-def late_by_the_loss(e: Array, sigma: Array, late_odds: Array, loss: Late = LATE) -> Array:
+def late_by_the_loss(e: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture = LATE) -> Array:
     """P(late) of each range by itself, its residual e < 0 known."""
-    late = late_odds * stray_density(e, sigma, loss.scale)
+    late = nlos_odds * stray_density(e, sigma, loss.scale)
     return np.asarray(late / (late + honest_density(e, sigma)))
 
 
-def judged(e: Array, dt: float = 0.1, sigma: float = 0.1, late_odds: float = TYPICAL_ODDS) -> Array:
+def judged(e: Array, dt: float = 0.1, sigma: float = 0.1, nlos_odds: float = TYPICAL_ODDS) -> Array:
     """P(late) of ranges every dt s."""
     n = len(e)
-    odds, _ = judge_bursts(stamps(n, dt), e, np.full(n, sigma), np.full(n, late_odds), LATE, SHARE, DURATION)
+    odds, _ = burst_nlos_odds(stamps(n, dt), e, np.full(n, sigma), np.full(n, nlos_odds), LATE, SHARE, DURATION)
     return late_by_the_loss(e, np.full(n, sigma), odds)
 
 
@@ -118,10 +118,10 @@ def chains(draw: st.DrawFn) -> tuple[Array, Array, Array, Array]:
 def test_the_chain_is_the_sum_over_every_path(
     chain: tuple[Array, Array, Array, Array], scale: float, early_odds: float, share: float, duration: float
 ) -> None:
-    t, e, sigma, late_odds = chain
-    loss = Late(scale, early_odds)
-    is_late, cost = every_path(t, e, sigma, late_odds, loss, share, duration)
-    odds, found_cost = judge_bursts(t, e, sigma, late_odds, loss, share, duration)
+    t, e, sigma, nlos_odds = chain
+    loss = NlosMixture(scale, early_odds)
+    is_late, cost = every_path(t, e, sigma, nlos_odds, loss, share, duration)
+    odds, found_cost = burst_nlos_odds(t, e, sigma, nlos_odds, loss, share, duration)
     assert found_cost == pytest.approx(cost, rel=1e-4, abs=1e-4)
     found = late_by_the_loss(e, sigma, odds, loss)
     late_side = e < 0.0
@@ -132,7 +132,7 @@ def test_the_chain_is_the_sum_over_every_path(
 
 def test_honest_ranges_without_residual_cost_little() -> None:
     n = 100
-    _, cost = judge_bursts(
+    _, cost = burst_nlos_odds(
         stamps(n, 0.1), np.zeros(n), np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
     )
     assert abs(cost) < 0.03 * n
@@ -169,10 +169,10 @@ def test_a_chain_reads_alike_in_both_directions() -> None:
     n = 50
     t = np.cumsum(random.exponential(0.2, n))
     e = random.normal(-1.0, 2.0, n)
-    sigma, late_odds = random.uniform(0.05, 0.2, n), random.uniform(0.05, 0.5, n)
-    odds, cost = judge_bursts(t, e, sigma, late_odds, LATE, SHARE, DURATION)
-    backward, backward_cost = judge_bursts(
-        (t[-1] - t)[::-1], e[::-1], sigma[::-1], late_odds[::-1], LATE, SHARE, DURATION
+    sigma, nlos_odds = random.uniform(0.05, 0.2, n), random.uniform(0.05, 0.5, n)
+    odds, cost = burst_nlos_odds(t, e, sigma, nlos_odds, LATE, SHARE, DURATION)
+    backward, backward_cost = burst_nlos_odds(
+        (t[-1] - t)[::-1], e[::-1], sigma[::-1], nlos_odds[::-1], LATE, SHARE, DURATION
     )
     assert backward_cost == pytest.approx(cost, rel=1e-4)
     is_late, is_late_backward = (late_by_the_loss(e, sigma, o) for o in (odds, backward[::-1]))
@@ -182,7 +182,7 @@ def test_a_chain_reads_alike_in_both_directions() -> None:
 def test_a_single_range_is_judged_by_its_own_residual() -> None:
     for e in (-4.0, -1.0, 0.0, 2.0):
         one = np.array([e]), np.array([0.1]), np.array([TYPICAL_ODDS])
-        odds, cost = judge_bursts(np.zeros(1), *one, LATE, SHARE, DURATION)
+        odds, cost = burst_nlos_odds(np.zeros(1), *one, LATE, SHARE, DURATION)
         weights = np.array([1.0 - SHARE, *(SHARE * PRIOR)]) * emission(e, 0.1, TYPICAL_ODDS, LATE, SHARE)
         assert cost == pytest.approx(-np.log(weights.sum()), rel=1e-4, abs=1e-6)
         if e < 0.0:
@@ -192,8 +192,8 @@ def test_a_single_range_is_judged_by_its_own_residual() -> None:
 def test_what_the_radio_says_of_a_range_is_heard() -> None:
     e = np.full(3, -2.0)
     t, sigma = stamps(3, 10.0), np.full(3, 0.1)
-    clear, _ = judge_bursts(t, e, sigma, np.full(3, 0.05), LATE, SHARE, DURATION)
-    blocked, _ = judge_bursts(t, e, sigma, np.full(3, 9.0), LATE, SHARE, DURATION)
+    clear, _ = burst_nlos_odds(t, e, sigma, np.full(3, 0.05), LATE, SHARE, DURATION)
+    blocked, _ = burst_nlos_odds(t, e, sigma, np.full(3, 9.0), LATE, SHARE, DURATION)
     assert (late_by_the_loss(e, sigma, clear) < 0.4).all()
     assert (late_by_the_loss(e, sigma, blocked) > 0.9).all()
 
@@ -204,14 +204,18 @@ def test_the_longer_a_detour_the_surer_its_neighbours_are_that_it_is_late() -> N
         chain = np.zeros(31)
         chain[10:21] = e
         n = len(chain)
-        odds, _ = judge_bursts(stamps(n, 0.1), chain, np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION)
+        odds, _ = burst_nlos_odds(
+            stamps(n, 0.1), chain, np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
+        )
         assert odds[15] > 1.0
 
 
 def test_ranges_of_one_moment_that_are_all_late_by_far_give_numbers() -> None:
     n = 8
     for e in (-10.0, -40.0, -1000.0):
-        odds, cost = judge_bursts(np.zeros(n), np.full(n, e), np.full(n, 0.1), np.full(n, 0.25), LATE, SHARE, DURATION)
+        odds, cost = burst_nlos_odds(
+            np.zeros(n), np.full(n, e), np.full(n, 0.1), np.full(n, 0.25), LATE, SHARE, DURATION
+        )
         assert np.isfinite(odds).all()
         assert np.isfinite(cost)
         assert (late_by_the_loss(np.full(n, e), np.full(n, 0.1), odds) > 0.99).all()
@@ -222,7 +226,7 @@ def test_a_chain_of_any_length_stays_finite_and_fast(e: float) -> None:
     n = 200_000
     columns = stamps(n, 0.01), np.full(n, e), np.full(n, 0.1), np.full(n, 0.25)
     begin = time.perf_counter()
-    odds, cost = judge_bursts(*columns, LATE, SHARE, DURATION)
+    odds, cost = burst_nlos_odds(*columns, LATE, SHARE, DURATION)
     assert time.perf_counter() - begin < 2.0
     assert np.isfinite(odds).all()
     assert np.isfinite(cost)
@@ -235,11 +239,11 @@ def test_a_chain_of_any_length_stays_finite_and_fast(e: float) -> None:
 def test_what_makes_no_chain_is_refused(share: float, duration: float) -> None:
     column = np.ones(3)
     with pytest.raises(ValueError, match="share"):
-        judge_bursts(column, column, column, column, LATE, share, duration)
+        burst_nlos_odds(column, column, column, column, LATE, share, duration)
 
 
 @pytest.mark.parametrize("short", range(4))
 def test_columns_of_different_lengths_are_refused(short: int) -> None:
-    t, e, sigma, late_odds = (np.ones(2 if k == short else 3) for k in range(4))
+    t, e, sigma, nlos_odds = (np.ones(2 if k == short else 3) for k in range(4))
     with pytest.raises(ValueError, match="columns"):
-        judge_bursts(t, e, sigma, late_odds, LATE, SHARE, DURATION)
+        burst_nlos_odds(t, e, sigma, nlos_odds, LATE, SHARE, DURATION)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.reference_kernel import loss_value, rotation
 
-from synchronizar._core import Late, search_placements
+from synchronizar._core import NlosMixture, search_placements
 from synchronizar.arrays import Array
 
-LATE = Late(scale=1.0, early_odds=0.002)
+LATE = NlosMixture(scale=1.0, early_odds=0.002)
 SIGMA, LATE_ODDS, HEIGHT_SIGMA, APART = 0.1, 0.25, 0.15, 0.5
 repeatable = settings(derandomize=True, deadline=None, max_examples=40)
 
@@ -40,7 +40,7 @@ def placed(placement: Array, own: Array) -> Array:
 def search(
     scene: Scene,
     distances: Array | None = None,
-    late_odds: float = LATE_ODDS,
+    nlos_odds: float = LATE_ODDS,
     height_sigma: float = HEIGHT_SIGMA,
     has_yaw: bool = True,
     **changed: Any,
@@ -53,7 +53,7 @@ def search(
         scene.own,
         measured,
         np.full(n, SIGMA),
-        np.full(n, late_odds),
+        np.full(n, nlos_odds),
         height_sigma=height_sigma,
         has_yaw=has_yaw,
         loss=LATE,
@@ -289,7 +289,7 @@ def test_candidates_and_costs_are_limited_as_asked() -> None:
 
 @pytest.mark.parametrize(
     "changed",
-    [{"height_sigma": 0.0}, {"height_sigma": -1.0}, {"most_candidates": 0}, {"most_ranges": 0}, {"late_odds": -1.0}],
+    [{"height_sigma": 0.0}, {"height_sigma": -1.0}, {"most_candidates": 0}, {"most_ranges": 0}, {"nlos_odds": -1.0}],
     ids=str,
 )
 def test_what_makes_no_search_is_refused(changed: dict[str, Any]) -> None:

@@ -7,13 +7,13 @@ import pytest
 from support import reference_kernel as reference
 from support.reference_kernel import Measured
 
-from synchronizar._core import Cauchy, GemanMcClure, Huber, Late, RangeBlock, Squared, UserPose
+from synchronizar._core import Cauchy, GemanMcClure, Huber, NlosMixture, RangeBlock, Squared, UserPose
 from synchronizar.arrays import Array
 
 if TYPE_CHECKING:
     from synchronizar._core import Loss
 
-LATE = Late(scale=1.0, early_odds=0.002)
+LATE = NlosMixture(scale=1.0, early_odds=0.002)
 LOSSES: dict[str, Loss] = {
     "squared": Squared(),
     "huber": Huber(),
@@ -106,17 +106,17 @@ def test_heights_are_bent_where_ranges_are_too_long_alone() -> None:
     """Ranges predicted too long pull a level user up or down; predicted too short they hold it."""
     too_long, too_short = measured(40, noise=0.5, offset=-0.5), measured(40, noise=0.5, offset=0.5)
     for ranges, bent in ((too_long, True), (too_short, False)):
-        assert (reference.height_bending(PLACE_I, PLACE_J, ranges, Squared()) > 0.0) == bent
+        assert (reference.height_curvature(PLACE_I, PLACE_J, ranges, Squared()) > 0.0) == bent
         J_whitened = reference.rows(PLACE_I, PLACE_J, ranges) / ranges.sigma[:, None]
         A, _ = square_root(ranges, Squared())
         extra = A.T @ A - J_whitened.T @ J_whitened
-        bending = max(reference.height_bending(PLACE_I, PLACE_J, ranges, Squared()), 0.0)
+        height_curvature = max(reference.height_curvature(PLACE_I, PLACE_J, ranges, Squared()), 0.0)
         heights = np.array([3, 7, 11, 15])
         signs = np.array([1.0, 1.0, -1.0, -1.0])
         expected = np.zeros((16, 16))
-        expected[np.ix_(heights, heights)] = bending * np.outer(signs, signs)
+        expected[np.ix_(heights, heights)] = height_curvature * np.outer(signs, signs)
         np.testing.assert_allclose(extra, expected, atol=1e-9 * np.abs(A.T @ A).max())
-        assert (bending > 100.0) == bent
+        assert (height_curvature > 100.0) == bent
 
 
 def test_the_bending_of_a_level_walk_is_the_second_derivative_of_its_cost() -> None:
@@ -140,7 +140,7 @@ def test_the_bending_of_a_level_walk_is_the_second_derivative_of_its_cost() -> N
 
 def test_for_squared_losses_the_squares_of_all_rows_are_kept() -> None:
     ranges = measured(200, noise=1.0, offset=0.05)
-    assert reference.height_bending(PLACE_I, PLACE_J, ranges, Squared()) < 0.0
+    assert reference.height_curvature(PLACE_I, PLACE_J, ranges, Squared()) < 0.0
     A, b = square_root(ranges, Squared())
     e = reference.residuals(PLACE_I, PLACE_J, ranges) / ranges.sigma
     stacked = np.column_stack([reference.rows(PLACE_I, PLACE_J, ranges) / ranges.sigma[:, None], e])
@@ -207,9 +207,9 @@ def test_ranges_that_are_all_late_by_far_give_little_and_never_nan(loss: Loss) -
     A, b = square_root(ranges, loss)
     assert np.isfinite(A).all()
     assert np.isfinite(b).all()
-    if isinstance(loss, GemanMcClure | Late):
-        honest, _ = square_root(measured(30, noise=1.0), loss)
-        assert np.abs(A).max() < 1e-2 * np.abs(honest).max()
+    if isinstance(loss, GemanMcClure | NlosMixture):
+        inlier_probability, _ = square_root(measured(30, noise=1.0), loss)
+        assert np.abs(A).max() < 1e-2 * np.abs(inlier_probability).max()
 
 
 def test_a_weight_that_vanishes_leaves_no_information_and_no_nan(loss: Loss) -> None:
@@ -232,11 +232,11 @@ def test_antennas_that_coincide_count_in_the_cost_and_pull_nowhere(loss: Loss) -
 def test_the_probability_of_being_honest_is_bayes() -> None:
     ranges = measured(60, noise=1.5, late=0.3)
     e = reference.residuals(PLACE_I, PLACE_J, ranges) / ranges.sigma
-    odds = np.where(e < 0.0, ranges.late_odds, LATE.early_odds)
-    honest = reference.honest_density(e, ranges.sigma)
+    odds = np.where(e < 0.0, ranges.nlos_odds, LATE.early_odds)
+    inlier_probability = reference.honest_density(e, ranges.sigma)
     stray = odds * reference.stray_density(e, ranges.sigma, LATE.scale)
-    found = ranges.block().honest(UserPose(*PLACE_I), UserPose(*PLACE_J), LATE)
-    np.testing.assert_allclose(found, honest / (honest + stray), rtol=1e-9)
+    found = ranges.block().inlier_probability(UserPose(*PLACE_I), UserPose(*PLACE_J), LATE)
+    np.testing.assert_allclose(found, inlier_probability / (inlier_probability + stray), rtol=1e-9)
     assert found.min() < 0.1 < 0.9 < found.max()
 
 
@@ -245,8 +245,8 @@ def test_other_odds_make_another_block_of_the_same_ranges() -> None:
     odds = np.linspace(0.1, 3.0, 20)
     block = ranges.block()
     before = block.cost(UserPose(*PLACE_I), UserPose(*PLACE_J), LATE)
-    other = block.with_late_odds(odds)
-    expected = reference.cost(PLACE_I, PLACE_J, ranges._replace(late_odds=odds), LATE)
+    other = block.with_nlos_odds(odds)
+    expected = reference.cost(PLACE_I, PLACE_J, ranges._replace(nlos_odds=odds), LATE)
     assert other.cost(UserPose(*PLACE_I), UserPose(*PLACE_J), LATE) == pytest.approx(expected, rel=1e-12)
     assert block.cost(UserPose(*PLACE_I), UserPose(*PLACE_J), LATE) == before != pytest.approx(expected)
 
@@ -266,15 +266,15 @@ BROKEN = {
     "no range at all": (Measured(np.zeros((0, 3)), np.zeros((0, 3)), *np.zeros((3, 0))), "at least one"),
     "an antenna missing": (GOOD._replace(o_j=np.zeros((2, 3))), "antenna"),
     "a sigma missing": (GOOD._replace(sigma=SHORT), "sigma"),
-    "odds missing": (GOOD._replace(late_odds=SHORT), "late_odds"),
+    "odds missing": (GOOD._replace(nlos_odds=SHORT), "nlos_odds"),
     "a distance missing": (GOOD._replace(distance=SHORT), "antenna"),
     "a position of NaN": (GOOD._replace(o_i=np.full((3, 3), np.nan)), "finite"),
     "a distance of infinity": (GOOD._replace(distance=np.full(3, np.inf)), "finite"),
     "a sigma of zero": (GOOD._replace(sigma=np.array([0.1, 0.0, 0.1])), "sigma must be positive"),
     "a negative sigma": (GOOD._replace(sigma=np.array([0.1, -0.1, 0.1])), "sigma must be positive"),
     "a sigma of NaN": (GOOD._replace(sigma=np.array([0.1, np.nan, 0.1])), "sigma must be positive"),
-    "negative odds": (GOOD._replace(late_odds=np.array([0.1, -0.1, 0.1])), "late_odds must not be negative"),
-    "odds of infinity": (GOOD._replace(late_odds=np.array([0.1, np.inf, 0.1])), "late_odds must not be negative"),
+    "negative odds": (GOOD._replace(nlos_odds=np.array([0.1, -0.1, 0.1])), "nlos_odds must not be negative"),
+    "odds of infinity": (GOOD._replace(nlos_odds=np.array([0.1, np.inf, 0.1])), "nlos_odds must not be negative"),
 }
 
 
@@ -287,8 +287,8 @@ def test_a_block_refuses(fault: str) -> None:
 
 @pytest.mark.parametrize("odds", [SHORT, np.array([0.1, -1.0, 0.1]), np.array([0.1, np.nan, 0.1])])
 def test_other_odds_are_checked_too(odds: Array) -> None:
-    with pytest.raises(ValueError, match="late_odds"):
-        GOOD.block().with_late_odds(odds)
+    with pytest.raises(ValueError, match="nlos_odds"):
+        GOOD.block().with_nlos_odds(odds)
 
 
 def test_antennas_have_three_coordinates() -> None:
@@ -304,7 +304,7 @@ def test_curvature_and_bending_are_the_second_derivative_in_height_whatever_its_
     distance = np.linalg.norm(o_i - o_j, axis=1) + late_by
     sigma = np.full(40, 0.1)
     block = RangeBlock(o_i, o_j, distance, sigma, np.full(40, 0.25))
-    loss, step = Late(1.0, 0.002), 1e-4
+    loss, step = NlosMixture(1.0, 0.002), 1e-4
 
     def cost(height: float) -> float:
         return block.cost(UserPose(frame_height=height), UserPose(), loss)
@@ -314,6 +314,6 @@ def test_curvature_and_bending_are_the_second_derivative_in_height_whatever_its_
     length = np.linalg.norm(between, axis=1)
     curvature = np.array([loss(e, 0.1, 0.25)[2] for e in (length - distance) / sigma])
     along = float((curvature / sigma**2 * (between[:, 2] / length) ** 2).sum())
-    bending = block.height_bending(UserPose(), UserPose(), loss)
-    np.testing.assert_allclose(along + bending, numerical, rtol=1e-4, atol=1e-3)
-    assert np.sign(bending) == -np.sign(late_by)
+    height_curvature = block.height_curvature(UserPose(), UserPose(), loss)
+    np.testing.assert_allclose(along + height_curvature, numerical, rtol=1e-4, atol=1e-3)
+    assert np.sign(height_curvature) == -np.sign(late_by)

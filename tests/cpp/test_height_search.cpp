@@ -55,7 +55,8 @@ struct Walkers {
   double cost(const std::vector<HeightUser>& users, const Column& height) const {
     double sum = 0.0, weights = 0.0, level = 0.0;
     for (const HeightPair& pair : pairs) {
-      sum += pair.block->cost(at_height(height[pair.i]), at_height(height[pair.j]), {Late{1.0, 0.002}});
+      sum +=
+          pair.block->cost(at_height(height[pair.i]), at_height(height[pair.j]), {NlosMixture{1.0, 0.002}});
     }
     for (size_t u = 0; u < users.size(); ++u) {
       const double weight = 1.0 / (users[u].sigma * users[u].sigma);
@@ -76,10 +77,11 @@ void a_height_profile_is_the_cost_at_every_difference_in_height() {
   constexpr int zero = 12;
   for (const double now : {0.0, 0.07, -0.4}) {
     const Column profile =
-        block.height_profile(at_height(now), at_height(0.0), Late{1.0, 0.002}, kStep, zero, 1000);
+        block.height_profile(at_height(now), at_height(0.0), NlosMixture{1.0, 0.002}, kStep, zero, 1000);
     CHECK(profile.size() == 2 * zero + 1);
     for (int s = -zero; s <= zero; ++s) {
-      const double expected = block.cost(at_height(0.3 + s * kStep), at_height(0.3), {Late{1.0, 0.002}});
+      const double expected =
+          block.cost(at_height(0.3 + s * kStep), at_height(0.3), {NlosMixture{1.0, 0.002}});
       CHECK_NEAR(profile[s + zero], expected, 1e-9 * (1.0 + expected));
     }
   }
@@ -100,7 +102,7 @@ void the_best_of_the_whole_grid_is_found() {
   for (unsigned n = 0; n < 20; ++n) {
     const Walkers walkers(n, {0.0, height(random), height(random)}, n % 2 ? 0.1 : 0.0);
     const std::vector<HeightUser> users{user(0.0, false), user(0.0, true), user(0.0, true)};
-    const auto found = search_heights(users, walkers.pairs, Late{1.0, 0.002}, kAbove, kMost);
+    const auto found = search_heights(users, walkers.pairs, NlosMixture{1.0, 0.002}, kAbove, kMost);
     double least = 1e9;
     for (int a = -8; a <= 8; ++a) {
       for (int b = -8; b <= 8; ++b) {
@@ -119,7 +121,7 @@ void the_best_of_the_whole_grid_is_found() {
 void walkers_on_the_level_get_both_signs() {
   const Walkers walkers(4, {0.0, 0.25, -0.15}, 0.0);
   const auto found = search_heights({user(0.0, false), user(0.0, true), user(0.0, true)}, walkers.pairs,
-                                    Late{1.0, 0.002}, kAbove, kMost);
+                                    NlosMixture{1.0, 0.002}, kAbove, kMost);
   CHECK(found.size() >= 2);
   CHECK_NEAR(found[0].cost, found[1].cost, 1e-9);
   const double sign = found[0].height[1] > 0.0 ? 1.0 : -1.0;
@@ -132,7 +134,7 @@ void walkers_on_the_level_get_both_signs() {
 void held_users_stay() {
   const Walkers walkers(5, {0.0, 0.2, 0.0}, 0.1);
   const auto found = search_heights({user(0.1, false), user(0.0, true), user(-0.35, false)}, walkers.pairs,
-                                    Late{1.0, 0.002}, kAbove, kMost);
+                                    NlosMixture{1.0, 0.002}, kAbove, kMost);
   for (const Heights& h : found) {
     CHECK_NEAR(h.height[0], 0.1, 1e-9);
     CHECK_NEAR(h.height[2], -0.35, 1e-9);
@@ -142,13 +144,13 @@ void held_users_stay() {
 void as_many_as_asked_for_and_the_same_each_time() {
   const Walkers walkers(6, {0.0, 0.25, -0.15}, 0.0);
   const std::vector<HeightUser> users{user(0.0, false), user(0.0, true), user(0.0, true)};
-  const auto found = search_heights(users, walkers.pairs, Late{1.0, 0.002}, kAbove, kMost);
-  const auto again = search_heights(users, walkers.pairs, Late{1.0, 0.002}, kAbove, kMost);
+  const auto found = search_heights(users, walkers.pairs, NlosMixture{1.0, 0.002}, kAbove, kMost);
+  const auto again = search_heights(users, walkers.pairs, NlosMixture{1.0, 0.002}, kAbove, kMost);
   CHECK(found.size() == again.size());
   for (size_t k = 0; k < found.size(); ++k) {
     CHECK_NEAR((found[k].height - again[k].height).norm(), 0.0, 0.0);
   }
-  CHECK(search_heights(users, walkers.pairs, Late{1.0, 0.002}, kAbove, 1).size() == 1);
+  CHECK(search_heights(users, walkers.pairs, NlosMixture{1.0, 0.002}, kAbove, 1).size() == 1);
 }
 
 }  // namespace

@@ -14,7 +14,7 @@ void for_each_loss(Visit visit) {
   visit(Huber{});
   visit(Cauchy{});
   visit(GemanMcClure{});
-  visit(Late{1.0, 0.002});
+  visit(NlosMixture{1.0, 0.002});
 }
 
 void a_perfect_range_costs_nothing() {
@@ -64,36 +64,36 @@ void values_by_hand() {
 // Of an honest range the density is that of a normal distribution, of a late one that of a half Cauchy.
 void the_late_cost_is_the_mixtures_negative_logarithm() {
   const double pi = std::acos(-1.0);
-  const Late loss{1.5, 0.002};
+  const NlosMixture loss{1.5, 0.002};
   for (const double e : kErrors) {
-    const double odds = e < 0.0 ? kRange.late_odds : loss.early_odds;
-    const auto honest = [&](double x) {
+    const double odds = e < 0.0 ? kRange.nlos_odds : loss.early_odds;
+    const auto inlier = [&](double x) {
       return std::exp(-0.5 * x * x) / (std::sqrt(2.0 * pi) * kRange.sigma);
     };
     const auto stray = [&](double x) {
       return 2.0 / (pi * loss.scale * (1.0 + std::pow(x * kRange.sigma / loss.scale, 2)));
     };
-    const double expected = std::log((honest(0.0) + odds * stray(0.0)) / (honest(e) + odds * stray(e)));
+    const double expected = std::log((inlier(0.0) + odds * stray(0.0)) / (inlier(e) + odds * stray(e)));
     CHECK_NEAR(loss(e, kRange).rho, expected, 1e-12);
-    CHECK_NEAR(loss.honest(e, kRange), honest(e) / (honest(e) + odds * stray(e)), 1e-12);
+    CHECK_NEAR(loss.inlier_probability(e, kRange), inlier(e) / (inlier(e) + odds * stray(e)), 1e-12);
   }
 }
 
 void what_is_late_stops_to_matter_long_before_what_is_early() {
-  const Late loss{1.0, 0.002};
+  const NlosMixture loss{1.0, 0.002};
   CHECK(loss(-3.0, kRange).weight < 0.5);
   CHECK(loss(3.0, kRange).weight > 0.9);
   CHECK(loss(5.0, kRange).weight < 0.5);
 }
 
 void a_range_that_cannot_be_late_is_squared() {
-  const Late loss{1.0, 0.0};
+  const NlosMixture loss{1.0, 0.0};
   for (const double e : {-1e3, -45.0, -5.0, -0.1, 0.1, 5.0, 45.0, 1e3}) {
     const LossValue value = loss(e, {0.1, 0.0});
     CHECK_NEAR(value.rho, 0.5 * e * e, 1e-9);
     CHECK_NEAR(value.weight, 1.0, 1e-9);
     CHECK_NEAR(value.curvature, 1.0, 1e-9);
-    CHECK_NEAR(loss.honest(e, {0.1, 0.0}), 1.0, 0.0);
+    CHECK_NEAR(loss.inlier_probability(e, {0.1, 0.0}), 1.0, 0.0);
   }
 }
 

@@ -9,15 +9,15 @@ using namespace synchronizar;
 
 namespace {
 
-const SearchOptions kPeople{0.15, true, Late{1.0, 0.002}, 0.5, 16, 128, 30.0};
-const SearchOptions kRadio{3.0, false, Late{1.0, 0.002}, 0.5, 16, 128, 30.0};
+const SearchOptions kPeople{0.15, true, NlosMixture{1.0, 0.002}, 0.5, 16, 128, 30.0};
+const SearchOptions kRadio{3.0, false, NlosMixture{1.0, 0.002}, 0.5, 16, 128, 30.0};
 
 CommonFromLocal common_from_user(const Placement& at) { return CommonFromLocal({at.x, at.y, at.yaw, at.z}); }
 
 struct Scene {
   Points known, own;
   Placement truth;
-  Column measured, sigma, late_odds;
+  Column measured, sigma, nlos_odds;
 
   Scene(Points known_points, Points own_points, const Placement& at)
       : known(std::move(known_points)), own(std::move(own_points)), truth(at) {
@@ -28,11 +28,11 @@ struct Scene {
       measured[k] = (known.row(k).transpose() - q).norm();
     }
     sigma = Column::Constant(n, 0.1);
-    late_odds = Column::Constant(n, 0.25);
+    nlos_odds = Column::Constant(n, 0.25);
   }
 
   std::vector<Placement> search(const SearchOptions& options) const {
-    return search_placements(known, own, measured, sigma, late_odds, options);
+    return search_placements(known, own, measured, sigma, nlos_odds, options);
   }
 
   // How far (m) the placement puts any antenna from where `other` puts it.
@@ -49,7 +49,7 @@ struct Scene {
     double sum = 0.5 * std::pow(at.z / options.height_sigma, 2);
     for (Eigen::Index k = 0; k < known.rows(); ++k) {
       const double distance = (known.row(k).transpose() - common_from_user(at)(own.row(k))).norm();
-      sum += options.loss((distance - measured[k]) / sigma[k], {sigma[k], late_odds[k]}).rho;
+      sum += options.loss((distance - measured[k]) / sigma[k], {sigma[k], nlos_odds[k]}).rho;
     }
     return sum;
   }

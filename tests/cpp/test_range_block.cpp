@@ -14,13 +14,13 @@ using Square = Eigen::Matrix<double, kColumns, kColumns>;
 
 const UserPose kI{1.0, -2.0, 0.4, 0.3, 0.5, 1.5, -1.2, 0.1};
 const UserPose kJ{4.0, 3.0, -2.5, -0.2, -1.0, 0.25, 0.8, 0.05};
-const LossKind kLosses[] = {Squared{}, Huber{}, Cauchy{}, GemanMcClure{}, Late{1.0, 0.002}};
+const LossKind kLosses[] = {Squared{}, Huber{}, Cauchy{}, GemanMcClure{}, NlosMixture{1.0, 0.002}};
 
 struct Ranges {
   Points o_i, o_j;
-  Column measured, sigma, late_odds;
+  Column measured, sigma, nlos_odds;
 
-  RangeBlock block() const { return RangeBlock(o_i, o_j, measured, sigma, late_odds); }
+  RangeBlock block() const { return RangeBlock(o_i, o_j, measured, sigma, nlos_odds); }
 };
 
 // n ranges with noise of 0.1 m, every fourth late by 1 m, all of them too long by `offset` (m).
@@ -36,7 +36,7 @@ Ranges make_ranges(int n, double offset) {
     const double exact = range_residual(kI, out.o_i.row(k), kJ, out.o_j.row(k), 0.0);
     out.measured[k] = exact + 0.1 * normal(random) + (k % 4 == 0 ? 1.0 : 0.0) + offset;
     out.sigma[k] = 0.1;
-    out.late_odds[k] = 0.25;
+    out.nlos_odds[k] = 0.25;
   }
   return out;
 }
@@ -47,7 +47,7 @@ LossValue value_of(const Loss& loss, double e, const RangeTraits& range) {
 
 // What a block is the sum of, one range at a time.
 struct Sum {
-  double cost = 0.0, bending = 0.0;
+  double cost = 0.0, height_curvature = 0.0;
   Eigen::Matrix<double, kColumns, 1> gradient = Eigen::Matrix<double, kColumns, 1>::Zero();
   Square information = Square::Zero();
 
@@ -57,19 +57,19 @@ struct Sum {
       const double sigma = ranges.sigma[k];
       Row row;
       const double e = range_residual(kI, o_i, kJ, o_j, ranges.measured[k], &row) / sigma;
-      const LossValue value = value_of(loss, e, {sigma, ranges.late_odds[k]});
+      const LossValue value = value_of(loss, e, {sigma, ranges.nlos_odds[k]});
       row /= sigma;
       cost += value.rho;
       gradient += value.weight * e * row.transpose();
       information += std::max(value.curvature, 0.1 * value.weight) * row.transpose() * row;
       const Vector3 between = CommonFromLocal(kI)(o_i) - CommonFromLocal(kJ)(o_j);
       const double level = between.head<2>().squaredNorm() / between.squaredNorm();
-      bending += value.weight * e / sigma * level / between.norm();
+      height_curvature += value.weight * e / sigma * level / between.norm();
     }
     Row up = Row::Zero();
     up[3] = up[7] = 1.0;
     up[11] = up[15] = -1.0;
-    if (bending > 0.0) information += bending * up.transpose() * up;
+    if (height_curvature > 0.0) information += height_curvature * up.transpose() * up;
   }
 };
 
@@ -95,36 +95,36 @@ void a_block_is_the_sum_of_its_ranges() {
 }
 
 void heights_are_bent_where_ranges_are_predicted_too_long_alone() {
-  CHECK(Sum(make_ranges(60, -0.5), {Squared{}}).bending > 0.0);
-  CHECK(Sum(make_ranges(60, 0.5), {Squared{}}).bending < 0.0);
+  CHECK(Sum(make_ranges(60, -0.5), {Squared{}}).height_curvature > 0.0);
+  CHECK(Sum(make_ranges(60, 0.5), {Squared{}}).height_curvature < 0.0);
 }
 
 void weights_and_probabilities_are_those_of_the_losses() {
   const Ranges ranges = make_ranges(20, 0.0);
   const Column residuals = ranges.block().residuals(kI, kJ);
-  const Late late{1.0, 0.002};
-  const Column weights = ranges.block().weights(kI, kJ, {late, 2.0});
-  const Column honest = ranges.block().honest(kI, kJ, late);
+  const NlosMixture nlos{1.0, 0.002};
+  const Column weights = ranges.block().weights(kI, kJ, {nlos, 2.0});
+  const Column inlier = ranges.block().inlier_probability(kI, kJ, nlos);
   for (int k = 0; k < 20; ++k) {
     const double expected = range_residual(kI, ranges.o_i.row(k), kJ, ranges.o_j.row(k), ranges.measured[k]);
     CHECK_NEAR(residuals[k], expected, 0.0);
-    const RangeTraits traits{ranges.sigma[k], ranges.late_odds[k]};
-    CHECK_NEAR(weights[k], late(expected / 0.1 / 2.0, traits).weight, 1e-15);
-    CHECK_NEAR(honest[k], late.honest(expected / 0.1, traits), 1e-15);
+    const RangeTraits traits{ranges.sigma[k], ranges.nlos_odds[k]};
+    CHECK_NEAR(weights[k], nlos(expected / 0.1 / 2.0, traits).weight, 1e-15);
+    CHECK_NEAR(inlier[k], nlos.inlier_probability(expected / 0.1, traits), 1e-15);
   }
 }
 
 void other_odds_leave_the_block_as_it_was() {
   const Ranges ranges = make_ranges(20, 0.0);
   const RangeBlock block = ranges.block();
-  const Loss loss{Late{1.0, 0.002}};
+  const Loss loss{NlosMixture{1.0, 0.002}};
   const double before = block.cost(kI, kJ, loss);
   Ranges others = ranges;
-  others.late_odds = Column::LinSpaced(20, 0.1, 3.0);
-  CHECK_NEAR(block.with_late_odds(others.late_odds).cost(kI, kJ, loss), others.block().cost(kI, kJ, loss),
+  others.nlos_odds = Column::LinSpaced(20, 0.1, 3.0);
+  CHECK_NEAR(block.with_nlos_odds(others.nlos_odds).cost(kI, kJ, loss), others.block().cost(kI, kJ, loss),
              0.0);
   CHECK_NEAR(block.cost(kI, kJ, loss), before, 0.0);
-  CHECK(block.with_late_odds(others.late_odds).size() == 20);
+  CHECK(block.with_nlos_odds(others.nlos_odds).size() == 20);
 }
 
 void ranges_without_information_give_zeros() {

@@ -16,11 +16,11 @@ from synchronizar.data.registration import Registration, State
 from synchronizar.data.track import Track
 from synchronizar.estimation.register import register
 from synchronizar.io.registration_folder import registration_json
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.evaluate import evaluate
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
-MODEL = Model()
+MODEL = Parameters()
 
 
 def joint_ate_xy(registration: Registration, simulation: Simulation, recording: Recording | None = None) -> float:
@@ -46,7 +46,7 @@ def test_scale_bias_and_clock_are_told_within_their_sigmas(users: int, radios: i
     simulation = simulate(planted)
     registration = register(simulation.recording)
     for name, user in registration.users.items():
-        sigma, frame = user.device_sigma, user.common_from_user
+        sigma, frame = user.calibration_sigma, user.common_from_user
         assert sigma is not None
         assert frame is not None
         assert abs(user.range_bias - simulation.range_bias[name]) < 4.0 * sigma.range_bias
@@ -71,11 +71,11 @@ def test_sigmas_of_devices_are_as_large_as_the_errors() -> None:
         for name, user in register(simulation.recording).users.items():
             assert user.common_from_user is not None
             assert user.clock_offset is not None
-            assert user.device_sigma is not None
+            assert user.calibration_sigma is not None
             found = (user.common_from_user.scale, user.range_bias, user.clock_offset)
             scale = simulation.world_from_user[name].scale
             true = (scale, simulation.range_bias[name], simulation.clock_offset[name])
-            squares.append(((np.array(found) - true) / user.device_sigma) ** 2)
+            squares.append(((np.array(found) - true) / user.calibration_sigma) ** 2)
     assert len(squares) == 24
     assert 0.2 < np.mean(squares) < 2.0
 
@@ -101,7 +101,7 @@ def test_all_users_at_once_are_as_sure_as_each_by_itself_and_hang_together() -> 
 
 
 def test_the_rigid_model_does_not_tell_how_errors_hang_together() -> None:
-    assert register(simulate(Scene()).recording, kind="rigid").joint_covariance is None
+    assert register(simulate(Scene()).recording, model="rigid").joint_covariance is None
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -109,7 +109,7 @@ def test_the_rigid_model_does_not_tell_how_errors_hang_together() -> None:
 def test_where_slam_drifts_tracks_are_nearer_to_the_truth_than_the_rigid_model_s(users: int, seed: int) -> None:
     scene = Scene(users=users, seconds=36.0, drift_m_per_sqrt_s=0.03, drift_rad_per_sqrt_s=0.02, seed=seed)
     simulation = simulate(scene)
-    full, rigid = (joint_ate_xy(register(simulation.recording, kind=k), simulation) for k in ("full", "rigid"))
+    full, rigid = (joint_ate_xy(register(simulation.recording, model=k), simulation) for k in ("full", "rigid"))
     assert full < rigid
     assert full < 0.2
 
@@ -132,7 +132,7 @@ def test_jumps_are_told_and_tracks_stay_in_place(users: int, seed: int) -> None:
         assert np.linalg.norm(np.diff(user.common_track.position, axis=0), axis=1).max() < 0.2
     off = joint_ate_xy(registration, simulation)
     assert off < 0.1
-    assert joint_ate_xy(register(simulation.recording, kind="rigid"), simulation) > 2.0 * off
+    assert joint_ate_xy(register(simulation.recording, model="rigid"), simulation) > 2.0 * off
 
 
 def biased(recording: Recording, user: int, bias: float) -> Recording:
@@ -376,7 +376,7 @@ def test_who_is_not_tied_to_the_reference_is_disconnected() -> None:
     assert states(registration)[2:] == [State.DISCONNECTED] * 2
     for name in "cd":
         user = registration.users[name]
-        told = (user.common_from_user, user.covariance, user.common_track, user.device_sigma)
+        told = (user.common_from_user, user.covariance, user.common_track, user.calibration_sigma)
         assert told == (None,) * 4
         assert "no chain of ranges" in user.reason
     assert set(registration.tracks(recording)) == {"a", "b"}
@@ -450,8 +450,8 @@ def test_a_device_that_stands_still_does_not_tell_its_heading_scale_and_clock() 
     assert np.linalg.norm(still.unseen_direction) == pytest.approx(1.0)
     assert abs(still.unseen_direction[3]) > 0.9
     assert still.clock_offset is not None  # a device all the same: it has a clock
-    assert still.device_sigma is not None
-    assert still.device_sigma.scale > 0.9 * MODEL.scale_sigma
+    assert still.calibration_sigma is not None
+    assert still.calibration_sigma.scale > 0.9 * MODEL.scale_sigma
     assert not {"yaw", "scale", "clock_offset"} & set(registration.users["b"].prior_dominated)
 
 

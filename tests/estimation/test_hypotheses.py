@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.hypotheses import placements
-from synchronizar.parameters import Model
+from synchronizar.estimation.hypotheses import hypotheses
+from synchronizar.parameters import Parameters
 
 CORNERS = np.array([[[x, y, 0.0] for x in (-1.0, 1.0) for y in (-1.0, 1.0)]] * 3)
 SIGMA = np.array([0.1, 0.2, 0.3, 0.05])
@@ -30,15 +30,17 @@ def covariances(_: Candidate) -> Array:
 
 
 def test_one_minimum_is_a_placement_as_it_is() -> None:
-    (only,) = placements([candidate(3.0, 1.0, 2.0)], covariances, CORNERS, Model())
+    (only,) = hypotheses([candidate(3.0, 1.0, 2.0)], covariances, CORNERS, Parameters())
     assert only.cost == 3.0
     np.testing.assert_array_equal(only.frames[:, 0], [0.0, 1.0, 2.0])
     np.testing.assert_allclose(only.covariances[1], np.diag(SIGMA**2))
-    assert len(only.minima_of(1)) == 1
+    assert len(only.components_of(1)) == 1
 
 
 def test_minima_that_are_near_are_one_placement_with_the_moments_of_their_mixture() -> None:
-    (only,) = placements([candidate(0.0, 1.0, 2.0), candidate(np.log(3.0), 1.4, 2.0)], covariances, CORNERS, Model())
+    (only,) = hypotheses(
+        [candidate(0.0, 1.0, 2.0), candidate(np.log(3.0), 1.4, 2.0)], covariances, CORNERS, Parameters()
+    )
     assert only.frames[1, 0] == pytest.approx(1.1)
     assert only.covariances[1, 0, 0] == pytest.approx(SIGMA[0] ** 2 + 0.75 * 0.25 * 0.4**2)
     np.testing.assert_allclose([m.weight for m in only.minima], [0.75, 0.25])
@@ -46,22 +48,22 @@ def test_minima_that_are_near_are_one_placement_with_the_moments_of_their_mixtur
 
 def test_a_minimum_that_repeats_another_does_not_count_twice() -> None:
     minima = [candidate(0.0, 1.0, 2.0), candidate(0.0, 1.4, 2.0), candidate(0.001, 1.4 + 1e-4, 2.0)]
-    (only,) = placements(minima, covariances, CORNERS, Model())
+    (only,) = hypotheses(minima, covariances, CORNERS, Parameters())
     assert only.frames[1, 0] == pytest.approx(1.2)
 
 
 def test_who_is_near_in_all_joint_placements_is_told_by_the_mixture_of_all() -> None:
     """The third is here or two metres away; with it the second moves by 0.4 m."""
-    found = placements([candidate(0.0, 1.0, 2.0), candidate(np.log(3.0), 1.4, 4.0)], covariances, CORNERS, Model())
+    found = hypotheses([candidate(0.0, 1.0, 2.0), candidate(np.log(3.0), 1.4, 4.0)], covariances, CORNERS, Parameters())
     assert [p.cost for p in found] == pytest.approx([0.0, np.log(3.0)])
     for placement in found:
         assert placement.frames[1, 0] == pytest.approx(1.1)
         assert placement.covariances[1, 0, 0] == pytest.approx(SIGMA[0] ** 2 + 0.75 * 0.25 * 0.4**2)
-        np.testing.assert_allclose([m.weight for m in placement.minima_of(1)], [0.75, 0.25])
+        np.testing.assert_allclose([m.weight for m in placement.components_of(1)], [0.75, 0.25])
     # The third itself is in one place or in the other.
     assert [p.frames[2, 0] for p in found] == [2.0, 4.0]
     assert found[0].covariances[2, 0, 0] == pytest.approx(SIGMA[0] ** 2)
-    assert len(found[0].minima_of(2)) == 1
+    assert len(found[0].components_of(2)) == 1
 
 
 @pytest.mark.filterwarnings("error")
@@ -69,7 +71,7 @@ def test_who_has_no_placement_is_left_alone() -> None:
     minima = [candidate(0.0, 1.0, 2.0), candidate(1.0, 1.4, 4.0)]
     for minimum in minima:
         minimum.frames[1] = np.nan
-    found = placements(minima, covariances, CORNERS, Model())
+    found = hypotheses(minima, covariances, CORNERS, Parameters())
     assert len(found) == 2
     assert np.isnan(found[0].frames[1]).all()
     assert [p.frames[2, 0] for p in found] == [2.0, 4.0]

@@ -10,25 +10,25 @@ from support.solver_scenes import off_in_plane, own_points, recording_of, track_
 
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.initialisation import Hypothesis, connected, joint_placements
+from synchronizar.estimation.initialisation import Candidate, connected, joint_placements
 from synchronizar.geometry import YawFrame
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import samples_of
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
-MODEL = Model()
+MODEL = Parameters()
 few = settings(derandomize=True, deadline=None, max_examples=12)
 seeds = st.integers(0, 2**31 - 1)
 
 
-def hypotheses(recording: Recording, reference: int = 0) -> list[Hypothesis]:
-    samples = samples_of(recording, MODEL)
-    placed = connected(samples, len(recording.users), reference)
+def hypotheses(recording: Recording, reference: int = 0) -> list[Candidate]:
+    measurements = range_measurements(recording, MODEL)
+    placed = connected(measurements, len(recording.users), reference)
     assert placed == list(range(len(recording.users)))
-    return joint_placements(samples, recording.users, placed, reference, MODEL)
+    return joint_placements(measurements, recording.users, placed, reference, MODEL)
 
 
-def farthest(simulation: Simulation, hypothesis: Hypothesis, reference: int = 0) -> float:
+def farthest(simulation: Simulation, hypothesis: Candidate, reference: int = 0) -> float:
     """How far (m) from its place in the plane any point of anybody's walk is put."""
     users = simulation.recording.users
     name = users[reference].name
@@ -149,10 +149,10 @@ def test_connected_are_those_that_a_chain_of_ranges_reaches(seed: int, users: in
     ends = [random.choice(users, 2, replace=False) for _ in range(links)]
     still = track_of(np.arange(3.0), np.zeros((3, 3)))
     rows = [(1.0, names[a], names[b], 1.0) for a, b in ends]
-    samples = samples_of(recording_of(dict.fromkeys(names, still), rows), MODEL)
+    measurements = range_measurements(recording_of(dict.fromkeys(names, still), rows), MODEL)
     touches = np.eye(users)
     for a, b in ends:
         touches[a, b] = touches[b, a] = 1.0
     reaches = np.linalg.matrix_power(touches, users) > 0.0
     for reference in range(users):
-        assert connected(samples, users, reference) == np.flatnonzero(reaches[reference]).tolist()
+        assert connected(measurements, users, reference) == np.flatnonzero(reaches[reference]).tolist()

@@ -14,10 +14,10 @@ from synchronizar.estimation.hypotheses import moved
 from synchronizar.estimation.integrity import _beyond_in_plane
 from synchronizar.geometry import YawFrame
 from synchronizar.io.registration_folder import registration_json
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
-OFF = Model().largest_error
+OFF = Parameters().largest_error
 
 
 def registered(scene: Scene) -> tuple[Simulation, Registration]:
@@ -67,7 +67,7 @@ def test_alternatives_come_best_first_and_the_first_is_the_answer(seed: int) -> 
     assert len(costs) >= 2
     assert costs[0] == 0.0
     assert costs == sorted(costs)
-    assert costs[-1] <= Model().cost_excluded_late
+    assert costs[-1] <= Parameters().cost_excluded_late
     first = registration.alternatives[0].common_from_user
     assert first == {name: user.common_from_user for name, user in registration.users.items()}
 
@@ -113,7 +113,7 @@ def test_the_heading_of_a_device_that_lies_on_a_table_is_its_prior_s_alone() -> 
     assert user.state is State.UNOBSERVABLE
     assert "yaw" in user.prior_dominated
     assert user.covariance is not None
-    assert np.sqrt(user.covariance[3, 3]) == pytest.approx(Model().yaw_sigma, rel=1e-3)
+    assert np.sqrt(user.covariance[3, 3]) == pytest.approx(Parameters().yaw_sigma, rel=1e-3)
 
 
 def test_two_who_do_nothing_but_stand_know_of_each_other_s_distance_only() -> None:
@@ -233,12 +233,12 @@ def test_the_same_walk_told_for_longer_is_known_no_worse() -> None:
 def test_how_far_two_placements_lie_apart_is_where_it_is_most(seed: int, users: int) -> None:
     random = np.random.default_rng(seed)
     frames, others = random.uniform(-3.0, 3.0, (2, users, 4))
-    corners = random.uniform(-5.0, 5.0, (users, 6, 3))
+    extent = random.uniform(-5.0, 5.0, (users, 6, 3))
     expected = [
         max(np.linalg.norm(YawFrame(*f.tolist()) @ p - YawFrame(*g.tolist()) @ p) for p in c)
-        for f, g, c in zip(frames, others, corners, strict=True)
+        for f, g, c in zip(frames, others, extent, strict=True)
     ]
-    np.testing.assert_allclose(moved(frames, others, corners), expected)
+    np.testing.assert_allclose(moved(frames, others, extent), expected)
 
 
 def test_a_user_with_a_single_range_to_a_standing_one_does_not_raise() -> None:
@@ -252,8 +252,8 @@ def test_a_user_with_a_single_range_to_a_standing_one_does_not_raise() -> None:
 def test_the_probability_of_an_error_in_the_plane_is_near_the_share_of_two_million(ratio: float) -> None:
     """For every ratio of the axes: from 0.83 of the share beyond the limit to 1.15 of it, chance (4 sigma) apart."""
     long = 0.3
-    samples = np.random.default_rng(0).standard_normal((2, 2_000_000)) * [[long], [ratio * long]]
-    off = np.hypot(*samples)
+    measurements = np.random.default_rng(0).standard_normal((2, 2_000_000)) * [[long], [ratio * long]]
+    off = np.hypot(*measurements)
     for limit in long * np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5]):
         beyond = int((off > limit).sum())
         share, chance = beyond / off.size, 4.0 * np.sqrt(beyond) / off.size

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"{FOLDER} with the 
 @cache
 def registered(name: str, kind: Literal["full", "rigid"] = "full") -> tuple[Recording, Registration]:
     recording = Recording.load(FOLDER / name)
-    return recording, register(recording, kind=kind)
+    return recording, register(recording, model=kind)
 
 
 def evaluated(name: str, kind: Literal["full", "rigid"] = "full") -> Evaluation:

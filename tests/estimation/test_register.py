@@ -7,7 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.solver_scenes import LEVEL, difference, frames_of, moved_by, offs, recording_of, track_of, true_frames
+from support.solver_scenes import (
+    MEAN_HEIGHT,
+    difference,
+    frames_of,
+    moved_by,
+    offs,
+    recording_of,
+    track_of,
+    true_frames,
+)
 from support.solver_scenes import register_rigid as register
 
 import synchronizar as sz
@@ -282,7 +291,7 @@ def test_radios_that_all_stand_still_have_no_common_frame() -> None:
 def test_a_user_with_one_pose_is_tied_by_what_ranged_it_at_that_moment() -> None:
     tracks: dict[str, Track] = {"a": walker(1), "b": walker(2), "c": walker(3)}
     rows = ranges_between(tracks, np.arange(0.5, 9.5, 0.2))
-    tracks["c"] = Track(np.array([4.1]), tracks["c"].at(np.array([4.1]), 1.0).position, np.array([LEVEL]))
+    tracks["c"] = Track(np.array([4.1]), tracks["c"].at(np.array([4.1]), 1.0).position, np.array([MEAN_HEIGHT]))
     rows += [(4.1, a, b, d) for _, a, b, d in ranges_between(tracks, np.array([4.1])) if "c" in (a, b)]
     registration = register(recording_of(tracks, rows))
     assert registration.users["b"].state is State.REGISTERED
@@ -293,7 +302,7 @@ def test_a_user_with_one_pose_is_tied_by_what_ranged_it_at_that_moment() -> None
 def test_a_user_whose_one_pose_nobody_ranged_is_disconnected() -> None:
     tracks: dict[str, Track] = {"a": walker(1), "b": walker(2), "c": walker(3)}
     rows = ranges_between(tracks, np.arange(0.5, 9.5, 0.2))
-    tracks["c"] = Track(np.array([4.05]), np.zeros((1, 3)), np.array([LEVEL]))
+    tracks["c"] = Track(np.array([4.05]), np.zeros((1, 3)), np.array([MEAN_HEIGHT]))
     assert register(recording_of(tracks, rows)).users["c"].state is State.DISCONNECTED
 
 

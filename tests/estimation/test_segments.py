@@ -15,13 +15,13 @@ from synchronizar.data.registration import State
 from synchronizar.data.track import Track
 from synchronizar.estimation.register import register
 from synchronizar.estimation.segments import _first_stretch, coarse_interval
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import samples_of
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.reporting.evaluate import evaluate
 from synchronizar.simulation.simulate import Scene, simulate
 
-SHORT = Model(first_stretch=20.0)
-WHOLE = Model(first_stretch=1000.0)
+SHORT = Parameters(first_stretch=20.0)
+WHOLE = Parameters(first_stretch=1000.0)
 
 
 def between(tracks: Mapping[str, Track], others: Mapping[str, Track]) -> float:
@@ -34,7 +34,7 @@ def between(tracks: Mapping[str, Track], others: Mapping[str, Track]) -> float:
 def test_a_walk_of_five_minutes_grows_to_the_answer_it_has_as_a_whole() -> None:
     simulation = simulate(Scene(users=3, seconds=300.0, drift_m_per_sqrt_s=0.01, drift_rad_per_sqrt_s=0.005, seed=0))
     recording = simulation.recording
-    grown, whole = register(recording, model=SHORT), register(recording, model=WHOLE)
+    grown, whole = register(recording, parameters=SHORT), register(recording, parameters=WHOLE)
     assert between(grown.tracks(recording), whole.tracks(recording)) < 0.1
     assert evaluate(grown.tracks(recording), simulation.truth, "phone0").joint_ate_xy == pytest.approx(0.0, abs=0.15)
     assert all(user.state is State.REGISTERED for user in grown.users.values())
@@ -61,8 +61,8 @@ def test_somebody_who_comes_after_the_first_stretch_is_placed(seed: int) -> None
     """Who leaves early keeps the first stretch early: it is where the most users hang together, the earliest such."""
     simulation = simulate(Scene(users=4, seconds=100.0, seed=seed))
     recording = without(without(simulation.recording, "phone3", 0.0, 40.0), "phone2", 60.0, 101.0)
-    assert _first_stretch(samples_of(recording, SHORT), 4, 0, SHORT)[1] < 60.0
-    registration, whole = register(recording, model=SHORT), register(recording, model=WHOLE)
+    assert _first_stretch(range_measurements(recording, SHORT), 4, 0, SHORT)[1] < 60.0
+    registration, whole = register(recording, parameters=SHORT), register(recording, parameters=WHOLE)
     assert [user.state for user in registration.users.values()] == [user.state for user in whole.users.values()]
     found = offs(simulation, registration)
     assert set(found) == {"phone1", "phone2", "phone3"}
@@ -75,11 +75,11 @@ def test_somebody_who_comes_after_the_first_stretch_is_placed(seed: int) -> None
 def test_a_reference_that_comes_late_is_where_growing_begins(seed: int) -> None:
     simulation = simulate(Scene(users=3, seconds=100.0, late_joiners=1, seed=seed))
     recording = simulation.recording
-    samples = samples_of(recording, SHORT)
-    begin, end = _first_stretch(samples, 3, 2, SHORT)
+    measurements = range_measurements(recording, SHORT)
+    begin, end = _first_stretch(measurements, 3, 2, SHORT)
     assert end - begin == pytest.approx(20.0)
     assert end > 50.0
-    registration = register(recording, reference="phone2", model=SHORT)
+    registration = register(recording, reference="phone2", parameters=SHORT)
     assert all(user.state is State.REGISTERED for user in registration.users.values())
     assert max(offs(simulation, registration).values()) < 0.3
     tracks = registration.tracks(recording)
@@ -91,21 +91,21 @@ def test_a_pair_that_meets_the_reference_only_after_the_first_stretch_is_tied_al
     """Two walk with the reference one after the other, never with each other."""
     simulation = simulate(Scene(users=3, seconds=90.0, seed=1))
     recording = without(without(simulation.recording, "phone1", 0.0, 44.0), "phone2", 46.0, 91.0)
-    registration = register(recording, model=SHORT)
+    registration = register(recording, parameters=SHORT)
     assert max(offs(simulation, registration).values()) < 0.4
 
 
 def test_the_first_stretch_is_the_whole_of_a_recording_of_two() -> None:
-    samples = samples_of(simulate(Scene(seconds=39.0, seed=0)).recording, SHORT)
-    assert _first_stretch(samples, 2, 0, SHORT) == (-np.inf, np.inf)
-    longer = samples_of(simulate(Scene(seconds=42.0, seed=0)).recording, SHORT)
+    measurements = range_measurements(simulate(Scene(seconds=39.0, seed=0)).recording, SHORT)
+    assert _first_stretch(measurements, 2, 0, SHORT) == (-np.inf, np.inf)
+    longer = range_measurements(simulate(Scene(seconds=42.0, seed=0)).recording, SHORT)
     begin, end = _first_stretch(longer, 2, 0, SHORT)
     assert end - begin == pytest.approx(SHORT.first_stretch)
 
 
 def test_keyframes_are_far_apart_while_placements_are_compared() -> None:
     """Twenty in the first stretch, and none closer than those of the answer."""
-    samples = samples_of(simulate(Scene(seconds=38.0, seed=0)).recording, SHORT)
-    assert coarse_interval(samples, WHOLE) == pytest.approx(float(np.ptp(samples.t)) / 20.0)
-    assert coarse_interval(samples, SHORT) == SHORT.keyframe_interval
-    assert coarse_interval(samples[np.zeros(0, dtype=np.int32)], WHOLE) == WHOLE.keyframe_interval
+    measurements = range_measurements(simulate(Scene(seconds=38.0, seed=0)).recording, SHORT)
+    assert coarse_interval(measurements, WHOLE) == pytest.approx(float(np.ptp(measurements.t)) / 20.0)
+    assert coarse_interval(measurements, SHORT) == SHORT.keyframe_interval
+    assert coarse_interval(measurements[np.zeros(0, dtype=np.int32)], WHOLE) == WHOLE.keyframe_interval

@@ -18,16 +18,16 @@ from synchronizar.estimation.register import register
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import relaid, slips
 from synchronizar.geometry import apply_frames, multiply_quaternions, rotation_2d
-from synchronizar.graph.pose_graph import AnchoredGraph
-from synchronizar.graph.states import Walks
-from synchronizar.parameters import Model
+from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.states import States
+from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import keyframes_of
-from synchronizar.preprocessing.range_measurements import samples_of
-from synchronizar.preprocessing.relocalizations import mend
+from synchronizar.preprocessing.range_measurements import range_measurements
+from synchronizar.preprocessing.relocalizations import repair_relocalizations
 from synchronizar.reporting.evaluate import evaluate
 from synchronizar.simulation.simulate import Scene, simulate
 
-MODEL = Model()
+MODEL = Parameters()
 SLIP_BEGINS, SLIP_LASTS, SLIP_TURN = 18.0, 4.0, 1.75
 
 
@@ -53,7 +53,7 @@ def test_a_heading_that_slips_is_put_right_and_told(seed: int, turn: float) -> N
     tracks["phone1"] = slipped(tracks["phone1"], turn)
     recording = replace(simulation.recording, tracks=tracks)
 
-    rigid = register(recording, kind="rigid")
+    rigid = register(recording, model="rigid")
     assert (evaluate(rigid.tracks(recording), simulation.truth, "phone0").joint_ate_xy or 0.0) > 0.5  # it matters
     registration = register(recording)
     joint = evaluate(registration.tracks(recording), simulation.truth, "phone0").joint_ate_xy
@@ -85,13 +85,14 @@ def test_walks_without_a_slip_tell_none(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_walks_that_are_in_place_are_not_laid_anew(seed: int) -> None:
     recording = simulate(Scene(users=3, seconds=40.0, seed=seed)).recording
-    samples, placed = samples_of(recording, MODEL), [0, 1, 2]
-    assert connected(samples, 3, 0) == placed
+    measurements, placed = range_measurements(recording, MODEL), [0, 1, 2]
+    assert connected(measurements, 3, 0) == placed
     keyframes = [
-        keyframes_of(mend(t, MODEL), coarse_interval(samples, MODEL), MODEL) for t in recording.tracks.values()
+        keyframes_of(repair_relocalizations(t, MODEL), coarse_interval(measurements, MODEL), MODEL)
+        for t in recording.tracks.values()
     ]
-    best = search_and_grow(recording, samples, keyframes, placed, 0, MODEL)[0]
-    assert list(relaid(best.graph, best.walks, MODEL)) == []
+    best = search_and_grow(recording, measurements, keyframes, placed, 0, MODEL)[0]
+    assert list(relaid(best.graph, best.states, MODEL)) == []
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -100,16 +101,16 @@ def test_what_follows_a_slip_is_laid_where_it_was(seed: int) -> None:
     simulation = simulate(Scene(users=3, seconds=40.0, seed=seed))
     clean = simulation.recording.tracks
     recording = replace(simulation.recording, tracks={**clean, "phone1": slipped(clean["phone1"], SLIP_TURN)})
-    keyframes = [keyframes_of(mend(track, MODEL), 2.0, MODEL) for track in recording.tracks.values()]
-    graph = AnchoredGraph(recording, samples_of(recording, MODEL), keyframes, [0, 1, 2], 0, MODEL)
+    keyframes = [keyframes_of(repair_relocalizations(track, MODEL), 2.0, MODEL) for track in recording.tracks.values()]
+    graph = PoseGraph(recording, range_measurements(recording, MODEL), keyframes, [0, 1, 2], 0, MODEL)
     # Every own frame begins at its first pose, so the anchor is its origin.
-    walks = graph.begin(true_frames(simulation, "phone0"))
+    walks = graph.initial_states(true_frames(simulation, "phone0"))
     truth = simulation.world_from_user["phone0"].inverse() @ simulation.world_from_user["phone1"]
     true = truth @ clean["phone1"].at(keyframes[1].t, 1.0).position
 
-    def off(of: Walks) -> float:
+    def off(of: States) -> float:
         """How far (m) phone1's keyframes are from there, root mean square."""
-        laid = apply_frames(np.broadcast_to(of.frames[1], (len(true), 4)), of.local[1][:, :3])
+        laid = apply_frames(np.broadcast_to(of.anchor_poses[1], (len(true), 4)), of.keyframe_poses[1][:, :3])
         return float(np.sqrt(((laid - true)[:, :2] ** 2).sum(axis=1).mean()))
 
     elsewhere = list(relaid(graph, walks, MODEL))
@@ -117,28 +118,31 @@ def test_what_follows_a_slip_is_laid_where_it_was(seed: int) -> None:
     assert off(walks) > 1.0
     assert off(elsewhere[0]) < 0.6 * off(walks)
     for of in elsewhere:
-        np.testing.assert_array_equal(of.frames[0], 0.0)  # the reference stays where it is
-        assert all(np.allclose(local[0], start[0]) for local, start in zip(of.local, walks.local, strict=True))
+        np.testing.assert_array_equal(of.anchor_poses[0], 0.0)  # the reference stays where it is
+        assert all(
+            np.allclose(keyframe_poses[0], start[0])
+            for keyframe_poses, start in zip(of.keyframe_poses, walks.keyframe_poses, strict=True)
+        )
 
 
 # ---- slips, on walks written by hand ----
 
 
-def straight() -> tuple[Recording, AnchoredGraph, Walks]:
+def straight() -> tuple[Recording, PoseGraph, States]:
     """Two people who go 1 m/s along x for 12 s, ten poses a second, a keyframe each second."""
     t = np.arange(0.0, 12.05, 0.1)
     tracks: dict[str, Track | None] = {
         name: track_of(t, np.column_stack([t, np.full_like(t, y), 0.0 * t])) for name, y in (("a", 0.0), ("b", 3.0))
     }
     recording = recording_of(tracks, [(s, "a", "b", 3.0) for s in np.arange(0.5, 12.0, 0.5).tolist()])
-    keyframes = [keyframes_of(mend(track, MODEL), 1.0, MODEL) for track in recording.tracks.values()]
-    graph = AnchoredGraph(recording, samples_of(recording, MODEL), keyframes, [0, 1], 0, MODEL)
-    return recording, graph, graph.begin(np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 3.0, 0.0, 0.0]]))
+    keyframes = [keyframes_of(repair_relocalizations(track, MODEL), 1.0, MODEL) for track in recording.tracks.values()]
+    graph = PoseGraph(recording, range_measurements(recording, MODEL), keyframes, [0, 1], 0, MODEL)
+    return recording, graph, graph.initial_states(np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 3.0, 0.0, 0.0]]))
 
 
-def bent(walks: Walks, by: Array) -> Walks:
+def bent(walks: States, by: Array) -> States:
     """User 1's keyframes moved by (m, 4)."""
-    return walks._replace(local=[walks.local[0], walks.local[1] + by])
+    return walks._replace(keyframe_poses=[walks.keyframe_poses[0], walks.keyframe_poses[1] + by])
 
 
 def told(by: Array, user: int = 1) -> tuple[Jump, ...]:

@@ -22,7 +22,7 @@ from synchronizar.simulation.simulate import simulate
 
 BEGIN_S = 5000.0
 """Where clocks of devices stand when a walk begins."""
-LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+MEAN_HEIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 WALK = Scene(users=3, seconds=6.0, seed=5, late_joiners=1, static_radios=1, clock_offset_sigma=0.1)
 
 
@@ -93,8 +93,8 @@ def test_a_module_ranges_from_its_first_to_its_last_truth_but_not_in_gaps(tmp_pa
 
 def test_a_module_has_power_while_its_device_s_track_lasts() -> None:
     t = BEGIN_S + np.array([2.0, 4.0])
-    walker = Device(Track(t, np.zeros((2, 3)), np.tile(LEVEL, (2, 1))), False, np.empty((0, 3)), BEGIN_S, 0.0)
-    radio = Device(Track(np.zeros(1), np.ones((1, 3)), LEVEL[None, :]), True, np.empty((0, 3)), 0.0, 0.0)
+    walker = Device(Track(t, np.zeros((2, 3)), np.tile(MEAN_HEIGHT, (2, 1))), False, np.empty((0, 3)), BEGIN_S, 0.0)
+    radio = Device(Track(np.zeros(1), np.ones((1, 3)), MEAN_HEIGHT[None, :]), True, np.empty((0, 3)), 0.0, 0.0)
     for seconds, off in ((3.0, np.inf), (6.0, 4.0)):
         scenario = scenario_of(np.random.default_rng(0), [walker, radio], Air(seconds, SCHEMES[0], 0.03))
         (walker_on, walker_off), (radio_on, radio_off) = ((m.on, m.off) for m in scenario.modules)

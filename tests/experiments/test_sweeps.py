@@ -99,7 +99,7 @@ def test_errors_where_slam_is_trusted_are_those_of_the_last_place_in_the_referen
     simulation = simulate(Scene(users=3, seconds=20.0, seed=2, drift_rad_per_sqrt_s=drift))
     world, truth = simulation.world_from_user, simulation.truth
     found = placed(simulation.recording, world, "rigid")
-    registration = register(simulation.recording, kind="rigid")
+    registration = register(simulation.recording, model="rigid")
     for n, name in enumerate(("phone1", "phone2")):
         true = world["phone0"].inverse() @ truth[name].position[-1]
         there = registration.tracks(simulation.recording)[name].position[-1]
@@ -110,7 +110,7 @@ def test_errors_where_slam_is_trusted_are_those_of_the_last_place_in_the_referen
 def test_errors_without_drift_are_those_of_last_poses_in_the_common_frame() -> None:
     simulation = simulate(Scene(users=3, seed=1))
     found = placed(simulation.recording, simulation.world_from_user, "rigid")
-    tracks = register(simulation.recording, kind="rigid").tracks(simulation.recording)
+    tracks = register(simulation.recording, model="rigid").tracks(simulation.recording)
     error = last_errors(last_poses(tracks), last_poses(true_tracks(simulation, "phone0")), ["phone1", "phone2"])
     np.testing.assert_allclose(found.plane, np.hypot(*error[:, :2].T), atol=1e-9)
     np.testing.assert_allclose(found.yaw, np.abs(error[:, 3]), atol=1e-9)

@@ -9,9 +9,18 @@ import gtsam
 import numpy as np
 import pytest
 
-from synchronizar._core import Cauchy, Device, DeviceBlock, GemanMcClure, Huber, Late, Squared, UserPose
+from synchronizar._core import (
+    CalibratedRangeBlock,
+    Calibration,
+    Cauchy,
+    GemanMcClure,
+    Huber,
+    NlosMixture,
+    Squared,
+    UserPose,
+)
 from synchronizar.arrays import Array
-from synchronizar.graph.range_factors import DeviceBlockFactor, DeviceKeys, Reading
+from synchronizar.graph.range_factors import CalibratedRangeBlockFactor, CalibratedUserKeys, PoseCache
 
 if TYPE_CHECKING:
     from synchronizar._core import Loss
@@ -21,7 +30,7 @@ LOSSES: dict[str, Loss] = {
     "huber": Huber(),
     "cauchy": Cauchy(),
     "geman_mcclure": GemanMcClure(),
-    "late": Late(1.0, 0.002),
+    "late": NlosMixture(1.0, 0.002),
 }
 
 FRAMES = {20: (1.0, -2.0, 0.4), 3: (4.0, 3.0, -2.5), 5: (0.5, 1.5, -1.2), 1: (-1.0, 0.25, 0.8)}
@@ -30,11 +39,11 @@ DEVICES = {40: (0.2, 0.12, -0.15), 2: (-0.3, -0.05, 0.2)}
 HELD_FRAME, HELD_LOCAL = (*FRAMES[20], HEIGHTS[9]), (*FRAMES[5], HEIGHTS[12])
 
 # j's frame comes before i's, a height before its frame: the keys are in no order at all.
-I_FREE, J_FREE = DeviceKeys(20, 9, 5, 12, 40), DeviceKeys(3, 7, 1, 30, 2)
-I_FRAME_HELD = DeviceKeys(None, None, 5, 12, 40, held_frame=HELD_FRAME)
-I_KEYFRAME_HELD = DeviceKeys(20, 9, None, None, 40, held_local=HELD_LOCAL)
-I_HELD = DeviceKeys(None, None, None, None, 40, HELD_FRAME, HELD_LOCAL)
-J_KEYFRAME_HELD = DeviceKeys(3, 7, None, None, 2, held_local=(*FRAMES[1], HEIGHTS[30]))
+I_FREE, J_FREE = CalibratedUserKeys(20, 9, 5, 12, 40), CalibratedUserKeys(3, 7, 1, 30, 2)
+I_FRAME_HELD = CalibratedUserKeys(None, None, 5, 12, 40, held_frame=HELD_FRAME)
+I_KEYFRAME_HELD = CalibratedUserKeys(20, 9, None, None, 40, held_local=HELD_LOCAL)
+I_HELD = CalibratedUserKeys(None, None, None, None, 40, HELD_FRAME, HELD_LOCAL)
+J_KEYFRAME_HELD = CalibratedUserKeys(3, 7, None, None, 2, held_local=(*FRAMES[1], HEIGHTS[30]))
 ENDS = {
     "all sought": (I_FREE, J_FREE),
     "i's frame held": (I_FRAME_HELD, J_FREE),
@@ -43,7 +52,7 @@ ENDS = {
     "both keyframes held": (I_KEYFRAME_HELD, J_KEYFRAME_HELD),
     "of i the device alone sought": (I_HELD, J_FREE),
 }
-Ends = tuple[DeviceKeys, DeviceKeys]
+RangeEnds = tuple[CalibratedUserKeys, CalibratedUserKeys]
 
 
 @pytest.fixture(scope="module", params=sorted(LOSSES))
@@ -52,7 +61,7 @@ def loss(request: pytest.FixtureRequest) -> Loss:
 
 
 @pytest.fixture(scope="module", params=sorted(ENDS))
-def ends(request: pytest.FixtureRequest) -> Ends:
+def ends(request: pytest.FixtureRequest) -> RangeEnds:
     return ENDS[request.param]
 
 
@@ -79,25 +88,25 @@ def steps(keys: list[int], h: float) -> Iterator[tuple[int, Array]]:
             yield key, h * direction
 
 
-def block_of(n: int, offset: float = 0.3) -> DeviceBlock:
+def block_of(n: int, offset: float = 0.3) -> CalibratedRangeBlock:
     """n ranges with noise between the ends, all too long by `offset`; where that is above 0 no height is bent."""
     random = np.random.default_rng(1)
     i, j = (tuple(random.normal(0.0, spread, (n, 3)) for spread in (4.0, 0.2, 1.0)) for _ in "ij")
-    sigma, odds, worth = np.full(n, 0.1), np.full(n, 0.25), random.uniform(0.2, 1.5, n)
-    exact = DeviceBlock(i, j, np.zeros(n), sigma, odds, worth).residuals(*read(I_FREE, J_FREE))
-    return DeviceBlock(i, j, exact + random.normal(0.0, 0.1, n) + offset, sigma, odds, worth)
+    sigma, odds, range_weight = np.full(n, 0.1), np.full(n, 0.25), random.uniform(0.2, 1.5, n)
+    exact = CalibratedRangeBlock(i, j, np.zeros(n), sigma, odds, range_weight).residuals(*read(I_FREE, J_FREE))
+    return CalibratedRangeBlock(i, j, exact + random.normal(0.0, 0.1, n) + offset, sigma, odds, range_weight)
 
 
-def read(i: DeviceKeys, j: DeviceKeys) -> tuple[UserPose, Device, UserPose, Device]:
+def read(i: CalibratedUserKeys, j: CalibratedUserKeys) -> tuple[UserPose, Calibration, UserPose, Calibration]:
     values = values_of(i.keys() + j.keys())
     return *i.read(values), *j.read(values)
 
 
-def test_one_range_has_the_numerical_jacobians(ends: Ends) -> None:
+def test_one_range_has_the_numerical_jacobians(ends: RangeEnds) -> None:
     i, j = ends
     keys = i.keys() + j.keys()
     block, values, h = block_of(1), values_of(keys), 1e-5
-    factor = DeviceBlockFactor(i, j, block, Squared())
+    factor = CalibratedRangeBlockFactor(i, j, block, Squared())
 
     def residual(key: int, delta: Array) -> float:
         # Predicted shorter than measured, the root of twice the cost is minus the whitened residual.
@@ -114,10 +123,10 @@ def test_one_range_has_the_numerical_jacobians(ends: Ends) -> None:
 
 
 @pytest.mark.parametrize("offset", [0.3, -0.3])
-def test_many_ranges_give_the_numerical_gradient(ends: Ends, loss: Loss, offset: float) -> None:
+def test_many_ranges_give_the_numerical_gradient(ends: RangeEnds, loss: Loss, offset: float) -> None:
     i, j = ends
     keys = i.keys() + j.keys()
-    factor, values, h = DeviceBlockFactor(i, j, block_of(40, offset), loss), values_of(keys), 1e-5
+    factor, values, h = CalibratedRangeBlockFactor(i, j, block_of(40, offset), loss), values_of(keys), 1e-5
 
     def error(key: int, delta: Array) -> float:
         return factor.error(moved(values, key, delta))
@@ -130,7 +139,7 @@ def test_many_ranges_give_the_numerical_gradient(ends: Ends, loss: Loss, offset:
     np.testing.assert_allclose(-A.T @ b, numerical, atol=1e-7 * np.abs(A).max() * np.abs(b).max())
 
 
-def test_what_is_held_is_where_it_is_said_to_be(ends: Ends) -> None:
+def test_what_is_held_is_where_it_is_said_to_be(ends: RangeEnds) -> None:
     block = block_of(20)
     np.testing.assert_array_equal(block.residuals(*read(*ends)), block.residuals(*read(I_FREE, J_FREE)))
 
@@ -138,7 +147,7 @@ def test_what_is_held_is_where_it_is_said_to_be(ends: Ends) -> None:
 @pytest.mark.parametrize("annealing", [1.0, 4.0])
 def test_a_thousand_ranges_are_ten_rows_whose_half_square_is_the_cost(loss: Loss, annealing: float) -> None:
     block, values = block_of(1000), values_of(I_FREE.keys() + J_FREE.keys())
-    factor = DeviceBlockFactor(I_FREE, J_FREE, block, loss, annealing)
+    factor = CalibratedRangeBlockFactor(I_FREE, J_FREE, block, loss, annealing)
     cost = block.cost(*read(I_FREE, J_FREE), loss, annealing)
     error = factor.unwhitenedError(values)
     assert error.shape == (10,)
@@ -150,9 +159,9 @@ def test_a_thousand_ranges_are_ten_rows_whose_half_square_is_the_cost(loss: Loss
     assert b.shape == (10,)
 
 
-def test_keys_come_in_the_order_of_the_columns(ends: Ends) -> None:
+def test_keys_come_in_the_order_of_the_columns(ends: RangeEnds) -> None:
     i, j = ends
-    factor = DeviceBlockFactor(i, j, block_of(3), Squared())
+    factor = CalibratedRangeBlockFactor(i, j, block_of(3), Squared())
     assert list(factor.keys()) == [key for key in (*i[:5], *j[:5]) if key is not None]
     assert i.columns(0)[-1] == slice(8, 11)
     assert j.columns(11)[-1] == slice(19, 22)
@@ -175,7 +184,7 @@ def test_a_graph_that_goes_takes_its_factors_along() -> None:
         block = block_of(10)
         held = sys.getrefcount(block)
         graph = gtsam.NonlinearFactorGraph()
-        graph.add(DeviceBlockFactor(I_FREE, J_FREE, block, Squared()))
+        graph.add(CalibratedRangeBlockFactor(I_FREE, J_FREE, block, Squared()))
         graph.linearize(values_of(I_FREE.keys() + J_FREE.keys()))
         assert sys.getrefcount(block) == held + 1
         del graph
@@ -186,17 +195,17 @@ def test_a_graph_that_goes_takes_its_factors_along() -> None:
 
 def test_factors_live_as_long_as_their_graph() -> None:
     graph = gtsam.NonlinearFactorGraph()
-    graph.add(DeviceBlockFactor(I_FREE, J_FREE, block_of(10), Squared()))
+    graph.add(CalibratedRangeBlockFactor(I_FREE, J_FREE, block_of(10), Squared()))
     gc.collect()
     expected = block_of(10).cost(*read(I_FREE, J_FREE), Squared())
     assert graph.error(values_of(I_FREE.keys() + J_FREE.keys())) == pytest.approx(expected, rel=1e-12)
 
 
-def predicted(of_keys: tuple[UserPose, Device]) -> float:
+def predicted(of_keys: tuple[UserPose, Calibration]) -> float:
     """m: a number that hangs on everything that was read."""
     ones = (np.ones((1, 3)), np.ones((1, 3)), np.ones((1, 3)))
-    block = DeviceBlock(ones, ones, np.zeros(1), np.ones(1), np.zeros(1), np.ones(1))
-    return float(block.residuals(*of_keys, UserPose(), Device())[0])
+    block = CalibratedRangeBlock(ones, ones, np.zeros(1), np.ones(1), np.zeros(1), np.ones(1))
+    return float(block.residuals(*of_keys, UserPose(), Calibration())[0])
 
 
 def test_what_is_read_is_kept_while_the_values_are_held() -> None:
@@ -204,26 +213,26 @@ def test_what_is_read_is_kept_while_the_values_are_held() -> None:
     here, there = values_of(keys), moved(values_of(keys), 20, np.array([5.0, 0.0, 0.0]))
     at_here, at_there = (predicted(I_FREE.read(values)) for values in (here, there))
     assert at_here != at_there
-    reading = Reading()
-    assert predicted(reading.of(I_FREE, here)) == at_here
-    reading.hold(here)
-    assert reading.of(I_FREE, here) is reading.of(I_FREE, here)
-    assert predicted(reading.of(I_FREE, here)) == at_here
+    pose_cache = PoseCache()
+    assert predicted(pose_cache.of(I_FREE, here)) == at_here
+    pose_cache.hold(here)
+    assert pose_cache.of(I_FREE, here) is pose_cache.of(I_FREE, here)
+    assert predicted(pose_cache.of(I_FREE, here)) == at_here
     # Whoever asks of other values gets those.
-    assert predicted(reading.of(I_FREE, there)) == at_there
-    reading.hold(there)
-    assert predicted(reading.of(I_FREE, there)) == at_there
-    reading.hold(None)
+    assert predicted(pose_cache.of(I_FREE, there)) == at_there
+    pose_cache.hold(there)
+    assert predicted(pose_cache.of(I_FREE, there)) == at_there
+    pose_cache.hold(None)
     here.update(20, there.atPose2(20))
-    assert predicted(reading.of(I_FREE, here)) == at_there
+    assert predicted(pose_cache.of(I_FREE, here)) == at_there
 
 
 def test_factors_that_share_a_reading_are_the_same() -> None:
-    values, reading = values_of(I_FREE.keys() + J_FREE.keys()), Reading()
-    alone = DeviceBlockFactor(I_FREE, J_FREE, block_of(20), Squared())
-    reading.hold(values)
+    values, pose_cache = values_of(I_FREE.keys() + J_FREE.keys()), PoseCache()
+    alone = CalibratedRangeBlockFactor(I_FREE, J_FREE, block_of(20), Squared())
+    pose_cache.hold(values)
     for _ in range(2):
-        sharing = DeviceBlockFactor(I_FREE, J_FREE, block_of(20), Squared(), reading=reading)
+        sharing = CalibratedRangeBlockFactor(I_FREE, J_FREE, block_of(20), Squared(), pose_cache=pose_cache)
         graph = gtsam.NonlinearFactorGraph()
         graph.add(sharing)
         assert graph.error(values) == alone.error(values)

@@ -33,7 +33,7 @@ def range_graph() -> gtsam.NonlinearFactorGraph:
     return graph
 
 
-def placed(x: float, y: float, yaw: float, height: float) -> gtsam.Values:
+def active_users(x: float, y: float, yaw: float, height: float) -> gtsam.Values:
     values = gtsam.Values()
     values.insert(FRAME, gtsam.Pose2(x, y, yaw))
     values.insert(HEIGHT, height)
@@ -78,7 +78,7 @@ def arc_tangent() -> gtsam.NonlinearFactorGraph:
 @pytest.mark.parametrize("off", [(0.3, -0.4, 0.1, -0.2), (-1.0, 0.5, 0.4, 0.3)])
 def test_the_minimum_is_that_of_levenberg_and_marquardt(off: tuple[float, float, float, float]) -> None:
     graph = range_graph()
-    start = placed(*(np.array([*PLACE, UP]) + off))
+    start = active_users(*(np.array([*PLACE, UP]) + off))
     found = optimize(graph, start, ordering_of(FRAME, HEIGHT), 50, 1e-12)
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(1e-14)
@@ -92,7 +92,7 @@ def test_the_minimum_is_that_of_levenberg_and_marquardt(off: tuple[float, float,
 def test_the_cost_never_rises() -> None:
     random = np.random.default_rng(5)
     for _ in range(20):
-        start = placed(*random.uniform([-8.0, -8.0, -np.pi, -2.0], [8.0, 8.0, np.pi, 2.0]))
+        start = active_users(*random.uniform([-8.0, -8.0, -np.pi, -2.0], [8.0, 8.0, np.pi, 2.0]))
         graph = Counted(range_graph())
         found = optimize(graph, start, ordering_of(FRAME, HEIGHT), 30, 1e-6)
         assert (np.diff(graph.linearised) < 0.0).all()
@@ -101,7 +101,7 @@ def test_the_cost_never_rises() -> None:
 
 def test_at_a_minimum_nothing_is_tried() -> None:
     graph = range_graph()
-    minimum = optimize(graph, placed(*PLACE, UP), ordering_of(FRAME, HEIGHT), 50, 1e-12)
+    minimum = optimize(graph, active_users(*PLACE, UP), ordering_of(FRAME, HEIGHT), 50, 1e-12)
     counted = Counted(graph)
     again = optimize(counted, minimum, ordering_of(FRAME, HEIGHT), 50, 1e-6)
     assert again is minimum

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from support.solver_scenes import honest_information, pair_bending
 
-from synchronizar._core import judge, judge_bursts
+from synchronizar._core import burst_nlos_odds, mixture_terms
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame, apply_frames, wrap_angle
-from synchronizar.graph.marginals import sureness
-from synchronizar.graph.pose_graph import AnchoredGraph, Judgement, device_sigmas, device_tails
-from synchronizar.graph.rigid_graph import late_loss
-from synchronizar.graph.states import BIAS, CLOCK, SCALE, Walks, common_track
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.keyframes import STANDING, keyframes_of
-from synchronizar.preprocessing.range_measurements import pairs, samples_of
-from synchronizar.preprocessing.relocalizations import mend
+from synchronizar.graph.marginals import marginals
+from synchronizar.graph.pose_graph import EmWeights, PoseGraph, calibration_dof, calibration_sigmas
+from synchronizar.graph.rigid_graph import nlos_mixture
+from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, common_track
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, keyframes_of
+from synchronizar.preprocessing.range_measurements import pairs, range_measurements
+from synchronizar.preprocessing.relocalizations import repair_relocalizations
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
 CLEAN = Scene(users=3, seconds=12.0, rate_hz=8.0, sigma=0.0, antennas=1)
@@ -33,23 +33,25 @@ NOISY = replace(
     drift_m_per_sqrt_s=0.01,
     drift_rad_per_sqrt_s=0.005,
 )
-MODEL = Model()
+MODEL = Parameters()
 
 
 def graph_of(
-    recording: Recording, model: Model = MODEL, placed: tuple[int, ...] | None = None, interval: float = 1.0
-) -> AnchoredGraph:
-    samples = samples_of(recording, model)
-    everybody = list(range(len(recording.users)) if placed is None else placed)
-    samples = samples[np.isin(samples.i, everybody) & np.isin(samples.j, everybody)]
+    recording: Recording, model: Parameters = MODEL, active_users: tuple[int, ...] | None = None, interval: float = 1.0
+) -> PoseGraph:
+    measurements = range_measurements(recording, model)
+    everybody = list(range(len(recording.users)) if active_users is None else active_users)
+    measurements = measurements[np.isin(measurements.i, everybody) & np.isin(measurements.j, everybody)]
     keyframes = [
-        STANDING if u.static else keyframes_of(mend(recording.tracks[u.name], model), interval, model)
+        STATIC_KEYFRAME
+        if u.static
+        else keyframes_of(repair_relocalizations(recording.tracks[u.name], model), interval, model)
         for u in recording.users
     ]
-    return AnchoredGraph(recording, samples, keyframes, everybody, 0, model)
+    return PoseGraph(recording, measurements, keyframes, everybody, 0, model)
 
 
-def true_frames(simulation: Simulation, graph: AnchoredGraph) -> Array:
+def true_frames(simulation: Simulation, graph: PoseGraph) -> Array:
     """(k, 4): where the anchors lie, the common frame being the reference's anchor; for SLAM that does not drift."""
     world_from_user = [simulation.world_from_user[u.name] for u in simulation.recording.users]
     anchors = np.array([f @ k.anchor for f, k in zip(world_from_user, graph.keyframes, strict=True)])
@@ -58,22 +60,24 @@ def true_frames(simulation: Simulation, graph: AnchoredGraph) -> Array:
     return np.column_stack([common, wrap_angle(yaw - yaw[0])])
 
 
-def elsewhere(walks: Walks, seed: int, turn: float = 0.02) -> Walks:
+def elsewhere(states: States, seed: int, turn: float = 0.02) -> States:
     """Other walks not far away, the gauge kept."""
     random = np.random.default_rng(seed)
-    frames = walks.frames + random.normal(0.0, 0.1, walks.frames.shape)
-    frames[0] = walks.frames[0]
-    local = [of_user + random.normal(0.0, [0.03, 0.03, 0.03, turn], of_user.shape) for of_user in walks.local]
-    for moved, of_user in zip(local, walks.local, strict=True):
+    frames = states.anchor_poses + random.normal(0.0, 0.1, states.anchor_poses.shape)
+    frames[0] = states.anchor_poses[0]
+    keyframe_poses = [
+        of_user + random.normal(0.0, [0.03, 0.03, 0.03, turn], of_user.shape) for of_user in states.keyframe_poses
+    ]
+    for moved, of_user in zip(keyframe_poses, states.keyframe_poses, strict=True):
         moved[0] = of_user[0]
-    return Walks(frames, local, walks.device + random.normal(0.0, 0.01, walks.device.shape))
+    return States(frames, keyframe_poses, states.calibration + random.normal(0.0, 0.01, states.calibration.shape))
 
 
-def assert_same(found: Walks, expected: Walks, within: float = 1e-12) -> None:
-    np.testing.assert_allclose(found.frames[:, :3], expected.frames[:, :3], atol=within)
-    np.testing.assert_allclose(wrap_angle(found.frames[:, 3] - expected.frames[:, 3]), 0.0, atol=within)
-    np.testing.assert_allclose(found.device, expected.device, atol=within)
-    for a, b in zip(found.local, expected.local, strict=True):
+def assert_same(found: States, expected: States, within: float = 1e-12) -> None:
+    np.testing.assert_allclose(found.anchor_poses[:, :3], expected.anchor_poses[:, :3], atol=within)
+    np.testing.assert_allclose(wrap_angle(found.anchor_poses[:, 3] - expected.anchor_poses[:, 3]), 0.0, atol=within)
+    np.testing.assert_allclose(found.calibration, expected.calibration, atol=within)
+    for a, b in zip(found.keyframe_poses, expected.keyframe_poses, strict=True):
         np.testing.assert_allclose(a[:, :3], b[:, :3], atol=within)
         np.testing.assert_allclose(wrap_angle(a[:, 3] - b[:, 3]), 0.0, atol=within)
 
@@ -95,58 +99,58 @@ def test_at_the_truth_ranges_are_what_they_are() -> None:
     device = np.array(
         [[s, simulation.range_bias[n], simulation.clock_offset[n]] for s, n in zip(scale, names, strict=True)]
     )
-    walks = graph.begin(true_frames(simulation, graph), device)
+    states = graph.initial_states(true_frames(simulation, graph), device)
     # Read at a clock of 0 and moved on at the velocity there: good to an acceleration's worth, 3 m/s^2 (0.15 s)^2 / 2.
-    assert np.abs(graph.residuals(walks)).max() < 0.06
-    assert np.abs(graph.residuals(walks)).mean() < 0.01
-    without = graph.residuals(walks._replace(device=np.zeros((3, 3))))
+    assert np.abs(graph.residuals(states)).max() < 0.06
+    assert np.abs(graph.residuals(states)).mean() < 0.01
+    without = graph.residuals(states._replace(calibration=np.zeros((3, 3))))
     assert np.abs(without).mean() > 0.05
 
 
 def test_flattened_samples_have_the_same_residuals() -> None:
     graph = graph_of(simulate(NOISY).recording)
-    walks = elsewhere(graph.begin(np.random.default_rng(1).normal(0.0, 2.0, (3, 4))), 2)
-    flat = graph.flattened(walks)
-    q_i, q_j = apply_frames(walks.frames[flat.i], flat.p_i), apply_frames(walks.frames[flat.j], flat.p_j)
+    states = elsewhere(graph.initial_states(np.random.default_rng(1).normal(0.0, 2.0, (3, 4))), 2)
+    flat = graph.to_rigid_ranges(states)
+    q_i, q_j = apply_frames(states.anchor_poses[flat.i], flat.p_i), apply_frames(states.anchor_poses[flat.j], flat.p_j)
     found = np.linalg.norm(q_i - q_j, axis=1) - flat.distance
-    np.testing.assert_allclose(found, graph.residuals(walks), atol=1e-12)
-    np.testing.assert_allclose(flat.sigma, np.hypot(graph.samples.sigma, MODEL.multipath_sigma))
+    np.testing.assert_allclose(found, graph.residuals(states), atol=1e-12)
+    np.testing.assert_allclose(flat.sigma, np.hypot(graph.measurements.sigma, MODEL.multipath_sigma))
 
 
 # ---- the cost ----
 
 
-def prior_cost(graph: AnchoredGraph, walks: Walks) -> float:
+def prior_cost(graph: PoseGraph, states: States) -> float:
     """Of devices of a kind and of origins about a level that nobody knows: Gaussians with what is shared taken out."""
-    m, count = graph.model, len(graph.placed)
+    m, count = graph.parameters, len(graph.active_users)
     cost = 0.0
     sigmas = (
         (m.scale_sigma, m.scale_common_sigma),
         (m.bias_sigma, m.bias_common_sigma),
         (m.clock_sigma, m.clock_common_sigma),
     )
-    for column, (own, common) in zip(walks.device[graph.placed].T, sigmas, strict=True):
+    for column, (own, common) in zip(states.calibration[graph.active_users].T, sigmas, strict=True):
         covariance = own**2 * np.eye(count) + common**2
         cost += 0.5 * column @ np.linalg.solve(covariance, column)
-    return float(cost) + height_cost(graph, walks)
+    return float(cost) + height_cost(graph, states)
 
 
-def height_cost(graph: AnchoredGraph, walks: Walks) -> float:
-    heights, sigma = walks.frames[graph.free, 2], graph.model.height_sigma
+def height_cost(graph: PoseGraph, states: States) -> float:
+    heights, sigma = states.anchor_poses[graph.free, 2], graph.parameters.height_sigma
     # Two origins lie one height_sigma apart.
     from_level = np.full(len(heights), sigma / np.sqrt(2.0))
     covariance = np.diag(from_level**2) + sigma**2 / 2.0
     return float(0.5 * heights @ np.linalg.solve(covariance, heights))
 
 
-def step_errors(graph: AnchoredGraph, walks: Walks, user: int) -> Array:
+def step_errors(graph: PoseGraph, states: States, user: int) -> Array:
     """(m - 1, 4) sigmas: x, y, heading by gtsam's own difference of two poses, and height."""
     out, keyframes = [], graph.keyframes[user]
-    poses = [gtsam.Pose2(x, y, yaw) for x, y, _, yaw in walks.local[user].tolist()]
+    poses = [gtsam.Pose2(x, y, yaw) for x, y, _, yaw in states.keyframe_poses[user].tolist()]
     for n, (plane, up, turn) in enumerate(keyframes.step_sigma.tolist()):
         x, y, z = keyframes.place[n + 1] - keyframes.place[n]
         level = gtsam.Pose2(x, y, 0.0).localCoordinates(poses[n].between(poses[n + 1]))
-        height = walks.local[user][n + 1, 2] - walks.local[user][n, 2] - z
+        height = states.keyframe_poses[user][n + 1, 2] - states.keyframe_poses[user][n, 2] - z
         out.append([*(level / [plane, plane, turn]), height / up])
     return np.array(out)
 
@@ -155,69 +159,69 @@ def step_errors(graph: AnchoredGraph, walks: Walks, user: int) -> Array:
 def test_the_graphs_error_is_the_sum_of_its_parts(annealing: float) -> None:
     graph = graph_of(simulate(NOISY).recording)
     random = np.random.default_rng(5)
-    walks = elsewhere(graph.begin(random.normal(0.0, 2.0, (3, 4)) * [[0.0], [1.0], [1.0]]), 3)
-    judgement = Judgement(
-        random.uniform(0.05, 1.0, len(graph.samples)),
-        random.uniform(0.1, 1.0, len(graph.samples)),
+    states = elsewhere(graph.initial_states(random.normal(0.0, 2.0, (3, 4)) * [[0.0], [1.0], [1.0]]), 3)
+    em_weights = EmWeights(
+        random.uniform(0.05, 1.0, len(graph.measurements)),
+        random.uniform(0.1, 1.0, len(graph.measurements)),
         [random.uniform(0.3, 1.5, len(k.step_sigma)) for k in graph.keyframes],
         np.ones((4, 3)),
     )
-    found = graph.factors(walks.frames, judgement, annealing).error(graph.values(walks))
-    whitened = graph.residuals(walks) / graph.sigma / annealing
-    ranges = annealing**2 * judge(whitened, graph.sigma, judgement.late_odds, late_loss(MODEL))[0]
-    slam = [0.5 * float(judgement.step_weight[u] @ (step_errors(graph, walks, u) ** 2).sum(axis=1)) for u in range(3)]
-    expected = float(judgement.worth @ ranges) + sum(slam) + prior_cost(graph, walks)
+    found = graph.factors(states.anchor_poses, em_weights, annealing).error(graph.values(states))
+    whitened = graph.residuals(states) / graph.sigma / annealing
+    ranges = annealing**2 * mixture_terms(whitened, graph.sigma, em_weights.nlos_odds, nlos_mixture(MODEL))[0]
+    slam = [0.5 * float(em_weights.step_weight[u] @ (step_errors(graph, states, u) ** 2).sum(axis=1)) for u in range(3)]
+    expected = float(em_weights.range_weight @ ranges) + sum(slam) + prior_cost(graph, states)
     assert found == pytest.approx(expected, rel=1e-10)
 
 
 def test_the_judged_cost_is_that_of_bursts_of_students_steps_and_of_the_priors() -> None:
     graph = graph_of(simulate(NOISY).recording)
-    walks = elsewhere(
-        graph.begin(np.random.default_rng(6).normal(0.0, 2.0, (3, 4)) * [[0.0], [1.0], [1.0]]), 3, turn=0.0
+    states = elsewhere(
+        graph.initial_states(np.random.default_rng(6).normal(0.0, 2.0, (3, 4)) * [[0.0], [1.0], [1.0]]), 3, turn=0.0
     )
-    before = graph.first_judgement()
-    judgement, cost = graph.judged(walks, before)
-    s, whitened, expected = graph.samples, graph.residuals(walks) / graph.sigma, 0.0
+    before = graph.initial_em_weights()
+    em_weights, cost = graph.e_step(states, before)
+    s, whitened, expected = graph.measurements, graph.residuals(states) / graph.sigma, 0.0
     for pair in pairs(s):
-        k = pair.samples
-        columns = s.t[k], whitened[k], graph.sigma[k], s.late_odds[k]
-        odds, chain = judge_bursts(*columns, late_loss(MODEL), MODEL.late_share, MODEL.late_duration)
-        np.testing.assert_array_equal(judgement.late_odds[k], odds)
-        expected += chain * float(before.worth[k].mean())
+        k = pair.measurements
+        columns = s.t[k], whitened[k], graph.sigma[k], s.nlos_odds[k]
+        odds, chain = burst_nlos_odds(*columns, nlos_mixture(MODEL), MODEL.late_share, MODEL.late_duration)
+        np.testing.assert_array_equal(em_weights.nlos_odds[k], odds)
+        expected += chain * float(before.range_weight[k].mean())
     f = MODEL.drift_tail + 4.0
     for u in range(3):
         # Without a turn gtsam's difference of two poses is the plain one.
-        squares = (step_errors(graph, walks, u) ** 2).sum(axis=1)
-        np.testing.assert_allclose(judgement.step_weight[u], f / (f + squares), rtol=1e-10)
+        squares = (step_errors(graph, states, u) ** 2).sum(axis=1)
+        np.testing.assert_allclose(em_weights.step_weight[u], f / (f + squares), rtol=1e-10)
         expected += 0.5 * f * np.log1p(squares / f).sum()
-    own, common = device_sigmas(MODEL)
-    kind = walks.device.sum(axis=0) / own**2 / (3.0 / own**2 + 1.0 / common**2)
-    squares = np.vstack([((walks.device - kind) / own) ** 2, (kind / common) ** 2])
-    tails = device_tails(MODEL) + 1.0
-    np.testing.assert_allclose(judgement.device_weight, tails / (tails + squares), rtol=1e-10)
-    expected += (0.5 * tails * np.log1p(squares / tails)).sum() + height_cost(graph, walks)
+    own, common = calibration_sigmas(MODEL)
+    kind = states.calibration.sum(axis=0) / own**2 / (3.0 / own**2 + 1.0 / common**2)
+    squares = np.vstack([((states.calibration - kind) / own) ** 2, (kind / common) ** 2])
+    tails = calibration_dof(MODEL) + 1.0
+    np.testing.assert_allclose(em_weights.calibration_weight, tails / (tails + squares), rtol=1e-10)
+    expected += (0.5 * tails * np.log1p(squares / tails)).sum() + height_cost(graph, states)
     assert cost == pytest.approx(expected, rel=1e-10)
-    np.testing.assert_array_equal(judgement.worth, before.worth)
+    np.testing.assert_array_equal(em_weights.range_weight, before.range_weight)
 
 
 def test_students_steps_are_a_mixture_of_gaussian_ones() -> None:
     """The weights make the Gaussian's slope that of Student's t: for a step s sigmas off, w s = d/ds of the cost."""
     graph = graph_of(simulate(CLEAN).recording)
-    walks = graph.begin(np.zeros((3, 4)))
+    states = graph.initial_states(np.zeros((3, 4)))
     keyframes, h = graph.keyframes[1], 1e-5
 
     def cost(sigmas: float) -> tuple[float, float]:
-        local = [of_user.copy() for of_user in walks.local]
-        local[1][3:, 2] += sigmas * keyframes.step_sigma[2, 1]
-        judgement, cost = graph.judged(walks._replace(local=local), graph.first_judgement())
-        ranges = graph.samples
+        keyframe_poses = [of_user.copy() for of_user in states.keyframe_poses]
+        keyframe_poses[1][3:, 2] += sigmas * keyframes.step_sigma[2, 1]
+        em_weights, cost = graph.e_step(states._replace(keyframe_poses=keyframe_poses), graph.initial_em_weights())
+        ranges = graph.measurements
         for pair in pairs(ranges):
-            k = pair.samples
-            whitened = graph.residuals(walks._replace(local=local))[k] / graph.sigma[k]
-            columns = ranges.t[k], whitened, graph.sigma[k], ranges.late_odds[k]
-            chain = judge_bursts(*columns, late_loss(MODEL), MODEL.late_share, MODEL.late_duration)[1]
-            cost -= chain * float(graph.first_judgement().worth[k].mean())
-        return cost, float(judgement.step_weight[1][2])
+            k = pair.measurements
+            whitened = graph.residuals(states._replace(keyframe_poses=keyframe_poses))[k] / graph.sigma[k]
+            columns = ranges.t[k], whitened, graph.sigma[k], ranges.nlos_odds[k]
+            chain = burst_nlos_odds(*columns, nlos_mixture(MODEL), MODEL.late_share, MODEL.late_duration)[1]
+            cost -= chain * float(graph.initial_em_weights().range_weight[k].mean())
+        return cost, float(em_weights.step_weight[1][2])
 
     for sigmas in (0.5, 3.0, 10.0):
         slope = (cost(sigmas + h)[0] - cost(sigmas - h)[0]) / (2.0 * h)
@@ -230,10 +234,10 @@ def test_students_steps_are_a_mixture_of_gaussian_ones() -> None:
 def test_walks_and_values_are_the_same_numbers() -> None:
     graph = graph_of(simulate(NOISY).recording)
     random = np.random.default_rng(7)
-    walks = elsewhere(graph.begin(random.normal(0.0, 2.0, (3, 4))), 8, turn=2.0)
-    nothing = graph.begin(np.full((3, 4), 9.0))
-    nothing.frames[0] = walks.frames[0]
-    assert_same(graph.walks(graph.values(walks), nothing), walks)
+    states = elsewhere(graph.initial_states(random.normal(0.0, 2.0, (3, 4))), 8, turn=2.0)
+    nothing = graph.initial_states(np.full((3, 4), 9.0))
+    nothing.anchor_poses[0] = states.anchor_poses[0]
+    assert_same(graph.states(graph.values(states), nothing), states)
 
 
 def test_a_clock_for_which_antennas_were_read_anew_is_not_lost() -> None:
@@ -241,24 +245,27 @@ def test_a_clock_for_which_antennas_were_read_anew_is_not_lost() -> None:
     graph = graph_of(recording)
     device = np.zeros((3, 3))
     device[:, CLOCK] = 0.2, -0.1, 0.3
-    walks = graph.begin(np.zeros((3, 4)), device)
-    graph.settle(walks, graph.first_judgement(), 1)
-    assert_same(graph.walks(graph.values(walks), graph.begin(np.zeros((3, 4)))), walks)
+    states = graph.initial_states(np.zeros((3, 4)), device)
+    graph.run_em(states, graph.initial_em_weights(), 1)
+    assert_same(graph.states(graph.values(states), graph.initial_states(np.zeros((3, 4)))), states)
     # The prior is still that of the whole offset.
-    judgement = graph.first_judgement()
+    em_weights = graph.initial_em_weights()
     other = graph_of(recording)
     ranges = [
-        float(judgement.worth @ judge(g.residuals(walks) / g.sigma, g.sigma, judgement.late_odds, late_loss(MODEL))[0])
+        float(
+            em_weights.range_weight
+            @ mixture_terms(g.residuals(states) / g.sigma, g.sigma, em_weights.nlos_odds, nlos_mixture(MODEL))[0]
+        )
         for g in (graph, other)
     ]
-    costs = [g.factors(walks.frames, judgement).error(g.values(walks)) for g in (graph, other)]
+    costs = [g.factors(states.anchor_poses, em_weights).error(g.values(states)) for g in (graph, other)]
     assert costs[0] - ranges[0] == pytest.approx(costs[1] - ranges[1], abs=1e-9)
 
 
 def test_the_gauge_is_held_and_nothing_else() -> None:
     graph = graph_of(simulate(replace(CLEAN, static_radios=1)).recording)
-    walks = graph.begin(np.zeros((4, 4)))
-    keys = {(chr(gtsam.symbolChr(k)), gtsam.symbolIndex(k)) for k in keys_of(graph.values(walks))}
+    states = graph.initial_states(np.zeros((4, 4)))
+    keys = {(chr(gtsam.symbolChr(k)), gtsam.symbolIndex(k)) for k in keys_of(graph.values(states))}
     frames = {(kind, u) for kind in "FH" for u in (1, 2, 3)}
     devices = {("D", u) for u in range(4)} | {("K", 0), ("L", 0)}
     assert {key for key in keys if key[0] in "FHDKL"} == frames | devices
@@ -272,38 +279,38 @@ def test_the_gauge_is_held_and_nothing_else() -> None:
         np.testing.assert_array_equal(held.held_local, [0.0, 0.0, 0.0, graph.keyframes[u].place[0, 2]])
         assert None not in (free.pose, free.local_height)
     # Every variable is in a factor and in the order of elimination, and no factor knows another.
-    factors = graph.factors(walks.frames, graph.first_judgement())
+    factors = graph.factors(states.anchor_poses, graph.initial_em_weights())
     ordering = graph.ordering()
     ordered = [ordering.at(n) for n in range(ordering.size())]
     in_factors = {key for n in range(factors.size()) for key in keys_of(factors.at(n))}
-    assert set(keys_of(graph.values(walks))) == in_factors == set(ordered)
+    assert set(keys_of(graph.values(states))) == in_factors == set(ordered)
     assert len(ordered) == len(set(ordered))
 
 
 def test_who_is_not_placed_has_no_keys_and_stays_where_he_was() -> None:
-    graph = graph_of(simulate(CLEAN).recording, placed=(0, 2))
-    walks = graph.begin(np.array([[0.0, 0.0, 0.0, 0.0], [np.nan] * 4, [1.0, 2.0, 0.1, 0.5]]))
-    users = {gtsam.symbolIndex(k) for k in keys_of(graph.values(walks)) if chr(gtsam.symbolChr(k)) in "FHD"}
+    graph = graph_of(simulate(CLEAN).recording, active_users=(0, 2))
+    states = graph.initial_states(np.array([[0.0, 0.0, 0.0, 0.0], [np.nan] * 4, [1.0, 2.0, 0.1, 0.5]]))
+    users = {gtsam.symbolIndex(k) for k in keys_of(graph.values(states)) if chr(gtsam.symbolChr(k)) in "FHD"}
     assert users == {0, 2}
-    settled, judgement, _ = graph.settle(walks, graph.first_judgement(), 2)
-    assert np.isnan(settled.frames[1]).all()
-    np.testing.assert_array_equal(settled.local[1], walks.local[1])
-    sure = sureness(graph, settled, judgement)
+    optimum, em_weights, _ = graph.run_em(states, graph.initial_em_weights(), 2)
+    assert np.isnan(optimum.anchor_poses[1]).all()
+    np.testing.assert_array_equal(optimum.keyframe_poses[1], states.keyframe_poses[1])
+    sure = marginals(graph, optimum, em_weights)
     assert np.isnan(sure.poses[1]).all()
-    assert np.isnan(sure.devices[1]).all()
+    assert np.isnan(sure.calibrations[1]).all()
     assert np.isfinite(sure.poses[[0, 2]]).all()
-    assert np.isfinite(sure.devices[[0, 2]]).all()
+    assert np.isfinite(sure.calibrations[[0, 2]]).all()
 
 
 # ---- minima ----
 
 
-def settled(graph: AnchoredGraph, frames: Array) -> tuple[Walks, Judgement]:
+def optimum(graph: PoseGraph, frames: Array) -> tuple[States, EmWeights]:
     """From SLAM laid there, what ranges are worth measured on what is left."""
-    walks, judgement, _ = graph.settle(graph.begin(frames), graph.first_judgement(), 4)
+    states, em_weights, _ = graph.run_em(graph.initial_states(frames), graph.initial_em_weights(), 4)
     for _ in range(2):
-        walks, judgement, _ = graph.settle(walks, graph.measured(walks, judgement), 6)
-    return walks, judgement
+        states, em_weights, _ = graph.run_em(states, graph.with_range_weights(states, em_weights), 6)
+    return states, em_weights
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -311,29 +318,31 @@ def test_from_the_truth_without_noise_nothing_moves(seed: int) -> None:
     """On level walks, for heights that differ are drawn together by their prior."""
     simulation = simulate(replace(CLEAN, seed=seed, antennas=0, height_spread=0.0, height_bob=0.0))
     graph = graph_of(simulation.recording)
-    truth = graph.begin(true_frames(simulation, graph))
-    walks, _ = settled(graph, truth.frames)
-    assert np.abs(walks.frames[:, :2] - truth.frames[:, :2]).max() < 0.01
-    assert np.abs(wrap_angle(walks.frames[:, 3] - truth.frames[:, 3])).max() < 0.005
-    assert np.abs(walks.frames[:, 2]).max() < 0.01
-    assert np.abs(walks.device).max() < 0.005
-    assert max(np.abs(a - b).max() for a, b in zip(walks.local, truth.local, strict=True)) < 0.01
+    truth = graph.initial_states(true_frames(simulation, graph))
+    states, _ = optimum(graph, truth.anchor_poses)
+    assert np.abs(states.anchor_poses[:, :2] - truth.anchor_poses[:, :2]).max() < 0.01
+    assert np.abs(wrap_angle(states.anchor_poses[:, 3] - truth.anchor_poses[:, 3])).max() < 0.005
+    assert np.abs(states.anchor_poses[:, 2]).max() < 0.01
+    assert np.abs(states.calibration).max() < 0.005
+    assert max(np.abs(a - b).max() for a, b in zip(states.keyframe_poses, truth.keyframe_poses, strict=True)) < 0.01
 
 
 def test_what_is_settled_costs_no_more_than_what_it_began_with() -> None:
     simulation = simulate(NOISY)
     graph = graph_of(simulation.recording)
-    begun = graph.begin(true_frames(simulation, graph))
-    _, before = graph.judged(begun, graph.first_judgement())
-    walks, judgement, cost = graph.settle(begun, graph.first_judgement(), 5)
+    begun = graph.initial_states(true_frames(simulation, graph))
+    _, before = graph.e_step(begun, graph.initial_em_weights())
+    states, em_weights, cost = graph.run_em(begun, graph.initial_em_weights(), 5)
     assert cost < before
-    assert graph.judged(walks, judgement)[1] == pytest.approx(cost)
+    assert graph.e_step(states, em_weights)[1] == pytest.approx(cost)
     # The quadratic model promises no more, and there is nothing left to gain.
-    information, slope = graph.factors(begun.frames, judgement).linearize(graph.values(walks)).hessian(graph.ordering())
+    information, slope = (
+        graph.factors(begun.anchor_poses, em_weights).linearize(graph.values(states)).hessian(graph.ordering())
+    )
     assert 0.5 * slope @ np.linalg.solve(information, slope) < 0.1
-    again, _, same = graph.settle(walks, judgement, 5)
+    again, _, same = graph.run_em(states, em_weights, 5)
     assert same == pytest.approx(cost, abs=0.1)
-    assert np.abs(again.frames - walks.frames).max() < 0.05
+    assert np.abs(again.anchor_poses - states.anchor_poses).max() < 0.05
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -355,13 +364,13 @@ def test_what_is_wrong_with_a_device_is_found(seed: int, column: int, planted: f
         ranges = replace(ranges, distance=ranges.distance + np.where(mine, planted, 0.0))
     frames = true_frames(simulation, graph_of(recording))
     graph = graph_of(replace(recording, tracks=tracks, ranges=ranges))
-    walks, judgement = settled(graph, frames)
-    sigma = np.sqrt(sureness(graph, walks, judgement).devices)
+    states, em_weights = optimum(graph, frames)
+    sigma = np.sqrt(marginals(graph, states, em_weights).calibrations)
     expected = np.zeros((3, 3))
     expected[1, column] = planted
-    assert (np.abs(walks.device - expected) < 3.0 * sigma).all()
+    assert (np.abs(states.calibration - expected) < 3.0 * sigma).all()
     assert sigma[1, column] < informed
-    assert walks.device[1, column] > 0.7 * planted
+    assert states.calibration[1, column] > 0.7 * planted
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -380,16 +389,16 @@ def test_a_heading_that_drifted_is_put_right(seed: int) -> None:
     bent = replace(recording, tracks={**recording.tracks, name: Track(track.t, position, quat)})
     frames = true_frames(simulation, graph_of(recording))
     graph = graph_of(bent)
-    walks, judgement = settled(graph, frames)
+    states, em_weights = optimum(graph, frames)
 
     place = YawFrame(*frames[1]) @ (track.position[-1] - graph.keyframes[1].anchor)
     expected = np.array([*place, frames[1, 3] - yaw[-1]])
-    error = graph.last_poses(walks)[1] - expected
+    error = graph.last_poses(states)[1] - expected
     error[3] = wrap_angle(float(error[3]))
-    covariance = sureness(graph, walks, judgement).poses[1, :4, :4]
+    covariance = marginals(graph, states, em_weights).poses[1, :4, :4]
     assert error @ np.linalg.solve(covariance, error) < 18.5  # 99.9 % of four degrees of freedom
     assert abs(error[3]) < 0.5 * yaw[-1]
-    found, _ = common_track(walks, 1, graph.keyframes[1], bent.tracks[name])
+    found, _ = common_track(states, 1, graph.keyframes[1], bent.tracks[name])
     true = YawFrame(*frames[1]) @ (track.position - graph.keyframes[1].anchor)
     slam = YawFrame(*frames[1]) @ (position - graph.keyframes[1].anchor)
     off, off_before = (np.linalg.norm((p - true)[:, :2], axis=1) for p in (found.position, slam))
@@ -399,13 +408,13 @@ def test_a_heading_that_drifted_is_put_right(seed: int) -> None:
 def test_worse_ranges_are_worth_less_where_they_are_measured() -> None:
     simulation = simulate(replace(CLEAN, sigma=0.05))
     graph = graph_of(simulation.recording)
-    walks = graph.begin(true_frames(simulation, graph))
-    measured = graph.measured(walks, graph.first_judgement())
-    off = replace(graph.samples, distance=graph.samples.distance + 0.4 * np.sin(graph.samples.t))
-    graph.samples = off
-    worse = graph.measured(walks, graph.first_judgement())
-    assert worse.worth.mean() < 0.3 * measured.worth.mean()
-    np.testing.assert_array_equal(worse.late_odds, graph.first_judgement().late_odds)
+    states = graph.initial_states(true_frames(simulation, graph))
+    measured = graph.with_range_weights(states, graph.initial_em_weights())
+    off = replace(graph.measurements, distance=graph.measurements.distance + 0.4 * np.sin(graph.measurements.t))
+    graph.measurements = off
+    worse = graph.with_range_weights(states, graph.initial_em_weights())
+    assert worse.range_weight.mean() < 0.3 * measured.range_weight.mean()
+    np.testing.assert_array_equal(worse.nlos_odds, graph.initial_em_weights().nlos_odds)
 
 
 # ---- how sure ----
@@ -414,11 +423,13 @@ def test_worse_ranges_are_worth_less_where_they_are_measured() -> None:
 def test_the_bending_of_ranges_is_that_of_rigid_walks() -> None:
     simulation = simulate(NOISY)
     graph = graph_of(simulation.recording)
-    walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 3)
-    judgement = replace(judgement, worth=np.full(len(graph.samples), 0.5))
-    bending = graph.bending(walks, judgement)
-    for pair, expected in pair_bending(graph, walks, judgement):
-        assert bending[pair.samples].sum() == pytest.approx(expected, rel=1e-9)
+    states, em_weights, _ = graph.run_em(
+        graph.initial_states(true_frames(simulation, graph)), graph.initial_em_weights(), 3
+    )
+    em_weights = replace(em_weights, range_weight=np.full(len(graph.measurements), 0.5))
+    height_curvature = graph.height_curvature(states, em_weights)
+    for pair, expected in pair_bending(graph, states, em_weights):
+        assert height_curvature[pair.measurements].sum() == pytest.approx(expected, rel=1e-9)
 
 
 def test_many_keyframes_know_no_more_of_a_height_than_few() -> None:
@@ -431,8 +442,10 @@ def test_many_keyframes_know_no_more_of_a_height_than_few() -> None:
         sigma = []
         for interval in (0.5, 30.0):
             graph = graph_of(simulation.recording, firm, interval=interval)
-            walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 5)
-            sigma.append(float(np.sqrt(sureness(graph, walks, judgement).relative[1, 2, 2])))
+            states, em_weights, _ = graph.run_em(
+                graph.initial_states(true_frames(simulation, graph)), graph.initial_em_weights(), 5
+            )
+            sigma.append(float(np.sqrt(marginals(graph, states, em_weights).relative[1, 2, 2])))
         ratios.append(sigma[0] / sigma[1])
     np.testing.assert_allclose(ratios, 1.0, atol=0.1)
 
@@ -443,19 +456,21 @@ def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
     simulation = simulate(replace(NOISY, seconds=10.0, static_radios=static_radios))
     graph = graph_of(simulation.recording)
     count = 3 + static_radios
-    walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 3)
-    values, ordering = graph.values(walks), graph.ordering()
+    states, em_weights, _ = graph.run_em(
+        graph.initial_states(true_frames(simulation, graph)), graph.initial_em_weights(), 3
+    )
+    values, ordering = graph.values(states), graph.ordering()
     keys = [ordering.at(n) for n in range(ordering.size())]
-    judgement = replace(judgement, worth=np.full(len(graph.samples), 0.5))
-    information = honest_information(graph, walks, judgement)
+    em_weights = replace(em_weights, range_weight=np.full(len(graph.measurements), 0.5))
+    information = honest_information(graph, states, em_weights)
     size = np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
 
     def told(at: gtsam.Values) -> Array:
         """(k, 9): last poses, log scales, the reference's; and the devices."""
-        there = graph.walks(at, walks)
-        reference = np.full((count, 1), there.device[0, SCALE])
-        return np.column_stack([graph.last_poses(there), there.device[:, :1], reference, there.device])
+        there = graph.states(at, states)
+        reference = np.full((count, 1), there.calibration[0, SCALE])
+        return np.column_stack([graph.last_poses(there), there.calibration[:, :1], reference, there.calibration])
 
     columns, h = [], 1e-6
     for key in keys:
@@ -470,7 +485,7 @@ def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
             columns.append((ends[0] - ends[1]) / (2.0 * h))
     J = np.moveaxis(np.array(columns), 0, -1)
     expected = J @ covariance @ J.transpose(0, 2, 1)
-    sure = sureness(graph, walks, judgement)
+    sure = marginals(graph, states, em_weights)
     for u in range(count):
         deviation = np.sqrt(np.maximum(np.diag(expected[u])[:6], 1e-12))
         np.testing.assert_allclose(
@@ -478,29 +493,31 @@ def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
             expected[u, :6, :6] / np.outer(deviation, deviation),
             atol=1e-5,
         )
-        np.testing.assert_allclose(sure.devices[u], np.diag(expected[u])[6:], rtol=1e-5)
+        np.testing.assert_allclose(sure.calibrations[u], np.diag(expected[u])[6:], rtol=1e-5)
 
 
 def test_a_system_that_cannot_be_eliminated_is_as_sure_by_all_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = simulate(replace(NOISY, seconds=10.0))
     graph = graph_of(simulation.recording)
-    walks, judgement, _ = graph.settle(graph.begin(true_frames(simulation, graph)), graph.first_judgement(), 3)
-    expected = sureness(graph, walks, judgement)
+    states, em_weights, _ = graph.run_em(
+        graph.initial_states(true_frames(simulation, graph)), graph.initial_em_weights(), 3
+    )
+    expected = marginals(graph, states, em_weights)
 
     def throw(*_: object) -> Array:
         raise RuntimeError("Indeterminate linear system")
 
     monkeypatch.setattr("synchronizar.graph.marginals.reduced", throw)
-    found = sureness(graph, walks, judgement)
+    found = marginals(graph, states, em_weights)
     np.testing.assert_allclose(found.joint, expected.joint, rtol=1e-4, atol=1e-7)
-    np.testing.assert_allclose(found.devices, expected.devices, rtol=1e-4)
+    np.testing.assert_allclose(found.calibrations, expected.calibrations, rtol=1e-4)
 
 
 def test_the_last_pose_lies_where_the_track_ends() -> None:
     simulation = simulate(NOISY)
     graph = graph_of(simulation.recording)
-    walks = elsewhere(graph.begin(np.random.default_rng(1).normal(0.0, 2.0, (3, 4))), 2)
+    states = elsewhere(graph.initial_states(np.random.default_rng(1).normal(0.0, 2.0, (3, 4))), 2)
     for u, user in enumerate(simulation.recording.users):
-        track, yaw = common_track(walks, u, graph.keyframes[u], simulation.recording.tracks[user.name])
-        np.testing.assert_allclose(graph.last_poses(walks)[u, :3], track.position[-1], atol=1e-12)
-        assert wrap_angle(float(graph.last_poses(walks)[u, 3] - yaw[-1])) == pytest.approx(0.0, abs=1e-12)
+        track, yaw = common_track(states, u, graph.keyframes[u], simulation.recording.tracks[user.name])
+        np.testing.assert_allclose(graph.last_poses(states)[u, :3], track.position[-1], atol=1e-12)
+        assert wrap_angle(float(graph.last_poses(states)[u, 3] - yaw[-1])) == pytest.approx(0.0, abs=1e-12)

@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from synchronizar._core import Cauchy, GemanMcClure, Huber, Late, RangeBlock, Squared, UserPose
+from synchronizar._core import Cauchy, GemanMcClure, Huber, NlosMixture, RangeBlock, Squared, UserPose
 from synchronizar.arrays import Array
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, RangeFactor, UserKeys
 
@@ -24,7 +24,7 @@ LOSSES: dict[str, Loss] = {
     "huber": Huber(),
     "cauchy": Cauchy(),
     "geman_mcclure": GemanMcClure(),
-    "late": Late(1.0, 0.002),
+    "late": NlosMixture(1.0, 0.002),
 }
 
 # j's frame comes before i's, a height before its frame: the keys are in no order at all.

@@ -9,23 +9,23 @@ from support.reference_kernel import loss_value
 from support.solver_scenes import difference, distances, frames_of, recording_of, rigid_graph, track_of, true_frames
 from support.solver_scenes import register_rigid as register
 
-from synchronizar._core import Late, judge_bursts
+from synchronizar._core import NlosMixture, burst_nlos_odds
 from synchronizar.arrays import Array
 from synchronizar.data.user import User
 from synchronizar.graph.rigid_graph import RigidGraph, blocks_of, height_sigma_of, keys_of
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples, pairs
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
-MODEL = Model()
+MODEL = Parameters()
 SQUARED = replace(MODEL, late_share=0.0, early_share=0.0)  # nothing is ever late: the losses are squares
 
 
 def test_squared_is_what_the_loss_becomes_where_nothing_is_late() -> None:
     recording = simulate(Scene(seed=1)).recording
-    samples, graph = rigid_graph(recording, model=SQUARED)
+    measurements, graph = rigid_graph(recording, model=SQUARED)
     frames = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 2.0, 0.0, 0.5]])
-    e = (distances(samples, frames) - samples.distance) / samples.sigma
+    e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
     assert graph.about(frames).cost(graph.values(frames)) == pytest.approx(0.5 * float(e @ e))
 
 
@@ -46,11 +46,11 @@ def noisy(frames: Array, seed: int) -> Array:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_cost_is_the_sum_of_the_losses_and_of_the_heights_about_their_level(seed: int) -> None:
     simulation = simulate(Scene(users=3, static_radios=1, seconds=6.0, late_share=0.3, power=True, seed=seed))
-    samples, graph = rigid_graph(simulation.recording)
+    measurements, graph = rigid_graph(simulation.recording)
     frames = noisy(true_frames(simulation, "phone0"), seed)
-    late = Late(MODEL.late_scale, MODEL.early_share / (1.0 - MODEL.early_share))
-    e = (distances(samples, frames) - samples.distance) / samples.sigma
-    losses = [loss_value(late, *x)[0] for x in zip(e, samples.sigma, samples.late_odds, strict=True)]
+    late = NlosMixture(MODEL.late_scale, MODEL.early_share / (1.0 - MODEL.early_share))
+    e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
+    losses = [loss_value(late, *x)[0] for x in zip(e, measurements.sigma, measurements.nlos_odds, strict=True)]
     expected = sum(losses) + height_prior(frames, np.array([0.15, 0.15, 0.15, 3.0]))
     values = graph.about(frames).values(frames)
     assert graph.about(frames).cost(values) == pytest.approx(expected, rel=1e-9)
@@ -93,28 +93,30 @@ def test_covariances_are_those_of_x_y_z_in_the_common_axes_and_yaw(seed: int, re
         np.testing.assert_allclose(found[u] / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=5e-3)
 
 
-def settle(graph: RigidGraph, frames: Array) -> Array:
+def run_em(graph: RigidGraph, frames: Array) -> Array:
     values = gtsam.LevenbergMarquardtOptimizer(graph.factors(), graph.values(frames)).optimize()
     return graph.frames(values)
 
 
-def redrawn(samples: Samples, frames: Array, noise: Array) -> Samples:
-    return replace(samples, distance=distances(samples, frames) + noise)
+def redrawn(measurements: RangeMeasurements, frames: Array, noise: Array) -> RangeMeasurements:
+    return replace(measurements, distance=distances(measurements, frames) + noise)
 
 
 def test_estimates_from_400_redraws_of_the_noise_scatter_as_the_covariance_says() -> None:
     simulation = simulate(Scene(users=3, seconds=6.0, height_bob=0.15, seed=5))
-    samples, graph = rigid_graph(simulation.recording, model=SQUARED)
+    measurements, graph = rigid_graph(simulation.recording, model=SQUARED)
     frames = true_frames(simulation, "phone0")
     frames[:, 2] = 0.0  # where the prior has them, so that it pulls to no side
-    true = distances(samples, frames)
+    true = distances(measurements, frames)
     random = np.random.default_rng(0)
     errors = []
     for _ in range(400):
-        drawn = replace(samples, distance=true + random.normal(0.0, 0.1, len(samples)))
+        drawn = replace(measurements, distance=true + random.normal(0.0, 0.1, len(measurements)))
         of_draw = RigidGraph(blocks_of(drawn), graph.users, [0, 1, 2], 0, SQUARED).about(frames)
-        errors.append(difference(settle(of_draw, frames), frames))
-    clean = RigidGraph(blocks_of(replace(samples, distance=true)), graph.users, [0, 1, 2], 0, SQUARED).about(frames)
+        errors.append(difference(run_em(of_draw, frames), frames))
+    clean = RigidGraph(blocks_of(replace(measurements, distance=true)), graph.users, [0, 1, 2], 0, SQUARED).about(
+        frames
+    )
     covariances = clean.covariances(clean.values(frames))
     plane = [0, 1, 3]
     for u in (1, 2):
@@ -178,16 +180,22 @@ def late_walk(seed: int) -> Simulation:
 
 def test_bursts_cost_what_each_pair_s_chain_and_the_heights_cost() -> None:
     simulation = late_walk(1)
-    samples, graph = rigid_graph(simulation.recording)
+    measurements, graph = rigid_graph(simulation.recording)
     frames = noisy(true_frames(simulation, "phone0"), 1)
     graph = graph.about(frames)
-    e = (distances(samples, frames) - samples.distance) / samples.sigma
-    late = Late(MODEL.late_scale, MODEL.early_share / (1.0 - MODEL.early_share))
+    e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
+    late = NlosMixture(MODEL.late_scale, MODEL.early_share / (1.0 - MODEL.early_share))
     chains = 0.0
-    for pair in pairs(samples):
-        s = pair.samples
-        chains += judge_bursts(
-            samples.t[s], e[s], samples.sigma[s], samples.late_odds[s], late, MODEL.late_share, MODEL.late_duration
+    for pair in pairs(measurements):
+        s = pair.measurements
+        chains += burst_nlos_odds(
+            measurements.t[s],
+            e[s],
+            measurements.sigma[s],
+            measurements.nlos_odds[s],
+            late,
+            MODEL.late_share,
+            MODEL.late_duration,
         )[1]
     _, cost = graph.with_bursts(graph.values(frames))
     assert cost == pytest.approx(chains + height_prior(frames, np.full(3, MODEL.height_sigma)), rel=1e-9)
@@ -195,15 +203,15 @@ def test_bursts_cost_what_each_pair_s_chain_and_the_heights_cost() -> None:
 
 def test_ranges_within_a_burst_become_suspicious_and_the_others_trusted() -> None:
     simulation = late_walk(2)
-    samples, graph = rigid_graph(simulation.recording)
+    measurements, graph = rigid_graph(simulation.recording)
     frames = true_frames(simulation, "phone0")
     values = graph.values(frames)
-    before = graph.honest(values)
+    before = graph.inlier_probability(values)
     judged, _ = graph.with_bursts(values)
-    late = simulation.late[samples.row]
-    assert judged.honest(values)[late].mean() < before[late].mean()
-    assert judged.honest(values)[~late].mean() > before[~late].mean()
-    np.testing.assert_array_equal(graph.honest(values), before)  # the graph itself stays as it was
+    late = simulation.late[measurements.row]
+    assert judged.inlier_probability(values)[late].mean() < before[late].mean()
+    assert judged.inlier_probability(values)[~late].mean() > before[~late].mean()
+    np.testing.assert_array_equal(graph.inlier_probability(values), before)  # the graph itself stays as it was
 
 
 def test_judging_bursts_twice_at_the_same_place_changes_nothing() -> None:
@@ -213,15 +221,15 @@ def test_judging_bursts_twice_at_the_same_place_changes_nothing() -> None:
     once, cost = graph.with_bursts(values)
     twice, again = once.with_bursts(values)
     assert again == cost
-    np.testing.assert_array_equal(once.honest(values), twice.honest(values))
+    np.testing.assert_array_equal(once.inlier_probability(values), twice.inlier_probability(values))
 
 
 def test_residuals_are_measured_minus_predicted_in_the_order_of_the_samples() -> None:
     simulation = late_walk(4)
-    samples, graph = rigid_graph(simulation.recording)
+    measurements, graph = rigid_graph(simulation.recording)
     frames = noisy(true_frames(simulation, "phone0"), 4)
     residuals = graph.residuals(graph.values(frames))
-    np.testing.assert_allclose(residuals, samples.distance - distances(samples, frames), atol=1e-9)
+    np.testing.assert_allclose(residuals, measurements.distance - distances(measurements, frames), atol=1e-9)
 
 
 def test_frames_and_values_are_each_other_s_inverse() -> None:

@@ -8,7 +8,7 @@ import pytest
 from synchronizar.arrays import Array
 from synchronizar.estimation.register import register
 from synchronizar.graph.step_noise import HEADING, PLACE, most_likely_noise
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.simulation.simulate import Scene, simulate
 
 TRUE = np.array([[0.5, 2.0], [3.0, 0.7]])
@@ -60,7 +60,7 @@ def test_the_models_own_steps_draw_the_noise_to_one() -> None:
 
 def noises(drift: float, seed: int) -> Array:
     """(users, 2) of a walk whose SLAM drifts so many times as far as the model says."""
-    m = Model()
+    m = Parameters()
     scene = Scene(
         users=4,
         seconds=60.0,
@@ -84,6 +84,6 @@ def test_a_walk_tells_good_slam_from_bad(seed: int) -> None:
 
 def test_a_radio_that_stands_still_has_no_slam_and_trusted_slam_no_noise() -> None:
     recording = simulate(replace(Scene(users=2, seconds=8.0), static_radios=1)).recording
-    full, rigid = register(recording), register(recording, kind="rigid")
+    full, rigid = register(recording), register(recording, model="rigid")
     assert [u.slam_noise is None for u in full.users.values()] == [u.static for u in recording.users]
     assert all(u.slam_noise is None for u in rigid.users.values())

@@ -13,13 +13,13 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.geometry import rotation_2d, yaw_of_quaternions, yaw_quaternion
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.keyframes import STANDING, Ends, Keyframes, ends_of, keyframes_of
-from synchronizar.preprocessing.range_measurements import Samples
-from synchronizar.preprocessing.relocalizations import Mended
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, RangeEnds, keyframes_of, range_ends
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.simulation.simulate import Scene, simulate
 
-MODEL = Model(
+MODEL = Parameters(
     drift_m_per_sqrt_s=0.3,
     drift_m_per_sqrt_m=0.4,
     drift_rad_per_sqrt_s=0.05,
@@ -39,12 +39,12 @@ def straight(t: Array, speed: float = 1.0) -> Track:
     return level(t, speed * np.column_stack([t - t[0], 0.0 * t, 0.0 * t + 0.5]))
 
 
-def mended(track: Track, begins: tuple[int, ...] = (), knew_up: tuple[bool, ...] = ()) -> Mended:
+def repaired_tracks(track: Track, begins: tuple[int, ...] = (), knew_up: tuple[bool, ...] = ()) -> RepairedTrack:
     """A track whose segments after the first begin at these poses."""
     segment = np.searchsorted(np.array(begins, dtype=int), np.arange(len(track)), side="right").astype(np.int32)
     count = len(begins) + 1
     identity = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
-    return Mended(track, (), segment, identity, np.array(knew_up or (True,) * count))
+    return RepairedTrack(track, (), segment, identity, np.array(knew_up or (True,) * count))
 
 
 # ---- keyframes_of ----
@@ -52,7 +52,7 @@ def mended(track: Track, begins: tuple[int, ...] = (), knew_up: tuple[bool, ...]
 
 def test_keyframes_are_evenly_spread_from_end_to_end() -> None:
     t = 100.0 + np.arange(0, 401) / 40.0
-    keyframes = keyframes_of(mended(straight(t)), 1.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(straight(t)), 1.0, MODEL)
     np.testing.assert_allclose(keyframes.t, 100.0 + np.arange(11.0))
     np.testing.assert_allclose(keyframes.place, np.column_stack([np.arange(11.0), np.zeros(11), np.full(11, 0.5)]))
     assert len(keyframes) == 11
@@ -69,7 +69,7 @@ def test_keyframes_are_poses_about_as_far_apart_as_asked_for(gaps: list[float], 
     t = np.concatenate([[5.0], 5.0 + np.cumsum(gaps)])
     track = straight(t)
     begins = (jump,) if 0 < jump < len(t) else ()
-    keyframes = keyframes_of(mended(track, begins), interval, MODEL)
+    keyframes = keyframes_of(repaired_tracks(track, begins), interval, MODEL)
     at = np.searchsorted(t, keyframes.t)
     np.testing.assert_array_equal(t[at], keyframes.t)
     np.testing.assert_array_equal(track.position[at], keyframes.place)
@@ -85,24 +85,24 @@ def test_keyframes_are_poses_about_as_far_apart_as_asked_for(gaps: list[float], 
 
 def test_on_both_sides_of_a_jump_and_of_a_gap_there_is_one() -> None:
     t = np.concatenate([np.arange(0, 30) / 10.0, 5.0 + np.arange(0, 30) / 10.0])
-    keyframes = keyframes_of(mended(straight(t), begins=(13,)), 10.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(straight(t), begins=(13,)), 10.0, MODEL)
     np.testing.assert_allclose(keyframes.t, [0.0, 1.2, 1.3, 2.9, 5.0, 7.9])
 
 
 def test_a_segment_of_a_single_pose_is_one_keyframe() -> None:
-    keyframes = keyframes_of(mended(straight(np.arange(10) / 10.0), begins=(4, 5)), 10.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(straight(np.arange(10) / 10.0), begins=(4, 5)), 10.0, MODEL)
     np.testing.assert_allclose(keyframes.t, [0.0, 0.3, 0.4, 0.5, 0.9])
     np.testing.assert_allclose(keyframes.step_sigma[[1, 2]], [[0.7, 0.7, 0.9], [0.7, 0.7, 0.9]])
 
 
 def test_a_single_pose_is_one_keyframe_without_steps() -> None:
-    keyframes = keyframes_of(mended(straight(np.array([3.0]))), 1.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(straight(np.array([3.0]))), 1.0, MODEL)
     assert len(keyframes) == 1
     assert keyframes.step_sigma.shape == (0, 3)
 
 
 def test_a_device_that_stands_still_drifts_with_time_alone() -> None:
-    keyframes = keyframes_of(mended(straight(np.arange(0, 81) / 10.0, speed=0.0)), 4.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(straight(np.arange(0, 81) / 10.0, speed=0.0)), 4.0, MODEL)
     # 4 s: sqrt(0.09 * 4) m and sqrt(0.0025 * 4) rad.
     np.testing.assert_allclose(keyframes.step_sigma, [[0.6, 0.6, 0.1], [0.6, 0.6, 0.1]])
 
@@ -111,14 +111,14 @@ def test_drift_grows_with_the_way_gone_not_with_the_distance() -> None:
     """To and fro: in 4 s it walks 4 m and is back where it was."""
     t = np.arange(0, 81) / 10.0
     x = np.abs((t + 2.0) % 4.0 - 2.0)
-    keyframes = keyframes_of(mended(level(t, np.column_stack([x, 0.0 * t, 0.0 * t]))), 4.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(level(t, np.column_stack([x, 0.0 * t, 0.0 * t]))), 4.0, MODEL)
     np.testing.assert_allclose(keyframes.place[:, 0], 0.0, atol=1e-12)
     metres, radians = np.sqrt(0.09 * 4 + 0.16 * 4), np.sqrt(0.0025 * 4 + 0.0144 * 4)
     np.testing.assert_allclose(keyframes.step_sigma, [[metres, metres, radians]] * 2)
 
 
 def test_a_step_that_was_rebuilt_is_as_good_as_rebuilding_is() -> None:
-    keyframes = keyframes_of(mended(straight(np.arange(0, 41) / 10.0), begins=(20,)), 10.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(straight(np.arange(0, 41) / 10.0), begins=(20,)), 10.0, MODEL)
     usual = np.sqrt([0.09 * 1.9 + 0.16 * 1.9, 0.0025 * 1.9 + 0.0144 * 1.9])
     np.testing.assert_allclose(keyframes.step_sigma[0], usual[[0, 0, 1]])
     np.testing.assert_allclose(keyframes.step_sigma[1], [0.7, 0.7, 0.9])
@@ -126,7 +126,7 @@ def test_a_step_that_was_rebuilt_is_as_good_as_rebuilding_is() -> None:
 
 def test_of_a_step_without_gravity_the_length_alone_is_known() -> None:
     track = straight(np.arange(0, 41) / 10.0)
-    keyframes = keyframes_of(mended(track, begins=(21,), knew_up=(False, True)), 10.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(track, begins=(21,), knew_up=(False, True)), 10.0, MODEL)
     # In the first segment it goes 2 m in 2 s.
     metres, radians = np.sqrt(0.09 * 2 + 0.16 * 2 + 2.0**2), np.sqrt(0.0025 * 2 + 0.0144 * 2)
     np.testing.assert_allclose(keyframes.step_sigma[0], [metres, metres, radians])
@@ -136,7 +136,7 @@ def test_of_a_step_without_gravity_the_length_alone_is_known() -> None:
 
 
 def test_a_noisier_slam_has_longer_sigmas_but_for_steps_that_are_rebuilt() -> None:
-    track = mended(straight(np.arange(0, 41) / 10.0), begins=(21,))
+    track = repaired_tracks(straight(np.arange(0, 41) / 10.0), begins=(21,))
     usual, noisy = keyframes_of(track, 10.0, MODEL), keyframes_of(track, 10.0, MODEL, (2.0, 3.0))
     np.testing.assert_array_equal(usual.rebuilt, [False, True, False])
     np.testing.assert_allclose(noisy.step_sigma[[0, 2]], usual.step_sigma[[0, 2]] * [2.0, 2.0, 3.0])
@@ -152,7 +152,7 @@ def test_the_anchor_is_the_first_place_at_the_height_of_the_origin() -> None:
         np.zeros(1, dtype=bool),
     )
     np.testing.assert_array_equal(keyframes.anchor, [1.0, 2.0, 0.0])
-    np.testing.assert_array_equal(STANDING.anchor, np.zeros(3))
+    np.testing.assert_array_equal(STATIC_KEYFRAME.anchor, np.zeros(3))
 
 
 # ---- nearest ----
@@ -169,7 +169,7 @@ def test_the_keyframe_whose_turn_it_is_is_the_nearest_but_for_its_delay(
 ) -> None:
     """A keyframe is the first pose after it was due."""
     stamps = np.concatenate([[begin], begin + np.cumsum(gaps)])
-    keyframes = keyframes_of(mended(straight(stamps)), 1.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(straight(stamps)), 1.0, MODEL)
     turn = keyframes.nearest(np.array(t))
     assert turn.dtype == np.int32
     away = np.abs(np.array(t)[:, None] - keyframes.t)
@@ -179,7 +179,7 @@ def test_the_keyframe_whose_turn_it_is_is_the_nearest_but_for_its_delay(
 def test_devices_change_their_keyframes_at_the_same_times() -> None:
     """Though their tracks begin and end at other times and have other stamps: ranges fall into few blocks."""
     early, late = (straight(t) for t in (np.arange(0.0, 10.0, 0.1), np.arange(2.37, 12.0, 0.033)))
-    a, b = (keyframes_of(mended(track), 1.0, MODEL).until for track in (early, late))
+    a, b = (keyframes_of(repaired_tracks(track), 1.0, MODEL).until for track in (early, late))
     inner_a, inner_b = a[(a > 4.0) & (a < 8.0)], b[(b > 4.0) & (b < 8.0)]
     np.testing.assert_allclose(inner_a, [4.5, 5.5, 6.5, 7.5])
     np.testing.assert_allclose(inner_b, inner_a)
@@ -188,13 +188,13 @@ def test_devices_change_their_keyframes_at_the_same_times() -> None:
 # ---- ends_of ----
 
 
-def samples_at(t: Array, row: Indices | None = None) -> Samples:
+def samples_at(t: Array, row: Indices | None = None) -> RangeMeasurements:
     """Samples of the users 0 and 1 at these times."""
     n = len(t)
     zeros, points = np.zeros(n), np.zeros((n, 3))
     i = np.zeros(n, dtype=np.int32)
     row = np.arange(n, dtype=np.int32) if row is None else row
-    return Samples(i, i + 1, t, points, points, zeros, zeros + 0.1, zeros, row)
+    return RangeMeasurements(i, i + 1, t, points, points, zeros, zeros + 0.1, zeros, row)
 
 
 def one_user(track: Track, t: Array, user: User | None = None, antenna: Array | None = None) -> Recording:
@@ -205,9 +205,13 @@ def one_user(track: Track, t: Array, user: User | None = None, antenna: Array | 
     )
 
 
-def ends_of_one(track: Track, t: Array, keyframes: Keyframes, offset: float = 0.0, user: User | None = None) -> Ends:
-    samples = samples_at(t)
-    return ends_of(one_user(track, t, user), samples, samples.i, [keyframes, STANDING], np.array([offset, 0.0]))
+def ends_of_one(
+    track: Track, t: Array, keyframes: Keyframes, offset: float = 0.0, user: User | None = None
+) -> RangeEnds:
+    measurements = samples_at(t)
+    return range_ends(
+        one_user(track, t, user), measurements, measurements.i, [keyframes, STATIC_KEYFRAME], np.array([offset, 0.0])
+    )
 
 
 @settings(deadline=None, max_examples=20)
@@ -220,29 +224,29 @@ def test_keyframe_offset_and_lever_give_the_antenna_back(seed: int, clock: float
     row = np.random.default_rng(seed).permutation(len(t)).astype(np.int32)
     points = np.zeros((len(t), 3))
     i, j = recording.ranges.a[row], recording.ranges.b[row]
-    samples = Samples(i, j, t[row], points, points, *np.ones((3, len(t))), row)
-    keyframes = [keyframes_of(mended(recording.tracks[u.name]), 0.7, Model()) for u in recording.users]
+    measurements = RangeMeasurements(i, j, t[row], points, points, *np.ones((3, len(t))), row)
+    keyframes = [keyframes_of(repaired_tracks(recording.tracks[u.name]), 0.7, Parameters()) for u in recording.users]
     offsets = clock * np.array([1.0, -0.5, 0.0])
     for who, antenna in (
         (i, recording.ranges.antenna_a[row]),
         (j, recording.ranges.antenna_b[row]),
     ):
-        ends = ends_of(recording, samples, who, keyframes, offsets)
+        ends = range_ends(recording, measurements, who, keyframes, offsets)
         for u, user in enumerate(recording.users):
             mine = who == u
             track = recording.tracks[user.name]
-            own = np.clip(samples.t[mine] + offsets[u], track.t[0], track.t[-1])
+            own = np.clip(measurements.t[mine] + offsets[u], track.t[0], track.t[-1])
             expected, _ = recording.antenna_positions(u, own, antenna[mine], np.inf)
             rebuilt = keyframes[u].place[ends.keyframe[mine]] + ends.offset[mine] + ends.lever[mine]
             np.testing.assert_allclose(rebuilt, expected, atol=1e-12)
-            np.testing.assert_array_equal(ends.keyframe[mine], keyframes[u].nearest(samples.t[mine]))
+            np.testing.assert_array_equal(ends.keyframe[mine], keyframes[u].nearest(measurements.t[mine]))
             place = track.at(own, np.inf).position
             np.testing.assert_allclose(ends.lever[mine], expected - place, atol=1e-12)
 
 
 def test_the_velocity_of_a_straight_steady_walk_is_its_own() -> None:
     track = straight(np.arange(0, 101) / 10.0, speed=1.3)
-    keyframes = keyframes_of(mended(track), 1.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(track), 1.0, MODEL)
     t = np.array([0.0, 0.02, 3.0, 3.33, 9.99, 10.0])
     np.testing.assert_allclose(ends_of_one(track, t, keyframes).velocity, [[1.3, 0.0, 0.0]] * 6, atol=1e-12)
 
@@ -255,9 +259,9 @@ def test_an_antenna_of_a_device_that_turns_on_the_spot_moves_about_it() -> None:
     user = User("a", antennas={"0": (0.2, 0.0, 0.1)})
     at = np.array([2.0, 5.0])
     recording = one_user(track, at, user, antenna=np.zeros(2))
-    keyframes = keyframes_of(mended(track), 1.0, MODEL)
-    samples = samples_at(at)
-    ends = ends_of(recording, samples, samples.i, [keyframes, STANDING], np.zeros(2))
+    keyframes = keyframes_of(repaired_tracks(track), 1.0, MODEL)
+    measurements = samples_at(at)
+    ends = range_ends(recording, measurements, measurements.i, [keyframes, STATIC_KEYFRAME], np.zeros(2))
     for n, yaw in enumerate((rate * at).tolist()):
         np.testing.assert_allclose(ends.lever[n], [*(rotation_2d(yaw) @ [0.2, 0.0]), 0.1], atol=1e-9)
         np.testing.assert_allclose(
@@ -271,15 +275,15 @@ def test_a_range_that_names_no_antenna_is_measured_at_the_origin() -> None:
     user = User("a", antennas={"0": (0.2, 0.0, 0.1), "1": (0.0, 0.3, 0.0)})
     at = np.array([1.0, 2.0, 3.0])
     recording = one_user(track, at, user, antenna=np.array([-1, 1, 0]))
-    samples = samples_at(at)
-    keyframes = keyframes_of(mended(track), 1.0, MODEL)
-    ends = ends_of(recording, samples, samples.i, [keyframes, STANDING], np.zeros(2))
+    measurements = samples_at(at)
+    keyframes = keyframes_of(repaired_tracks(track), 1.0, MODEL)
+    ends = range_ends(recording, measurements, measurements.i, [keyframes, STATIC_KEYFRAME], np.zeros(2))
     np.testing.assert_allclose(ends.lever, [[0.0, 0.0, 0.0], [0.0, 0.3, 0.0], [0.2, 0.0, 0.1]], atol=1e-12)
 
 
 def test_beyond_its_track_a_device_is_at_the_end_of_it() -> None:
     track = straight(np.arange(0, 101) / 10.0)
-    keyframes = keyframes_of(mended(track), 1.0, MODEL)
+    keyframes = keyframes_of(repaired_tracks(track), 1.0, MODEL)
     ends = ends_of_one(track, np.array([0.2, 9.9]), keyframes, offset=-0.5)
     assert (ends.keyframe[0], ends.offset[0].tolist()) == (0, [0.0, 0.0, 0.0])
     np.testing.assert_allclose(ends.velocity, [[1.0, 0.0, 0.0]] * 2, atol=1e-12)
@@ -291,16 +295,16 @@ def test_beyond_its_track_a_device_is_at_the_end_of_it() -> None:
 
 def test_a_track_of_one_pose_does_not_move() -> None:
     track = straight(np.array([3.0]))
-    ends = ends_of_one(track, np.array([2.0, 3.0, 4.0]), keyframes_of(mended(track), 1.0, MODEL))
+    ends = ends_of_one(track, np.array([2.0, 3.0, 4.0]), keyframes_of(repaired_tracks(track), 1.0, MODEL))
     for column in (ends.offset, ends.lever, ends.velocity):
         np.testing.assert_array_equal(column, np.zeros((3, 3)))
 
 
 def test_a_radio_that_stands_still_is_at_its_own_origin() -> None:
     track = straight(np.arange(0, 101) / 10.0)
-    samples = samples_at(np.array([1.0, 2.0]))
-    keyframes = [keyframes_of(mended(track), 1.0, MODEL), STANDING]
-    ends = ends_of(one_user(track, samples.t), samples, samples.j, keyframes, np.zeros(2))
+    measurements = samples_at(np.array([1.0, 2.0]))
+    keyframes = [keyframes_of(repaired_tracks(track), 1.0, MODEL), STATIC_KEYFRAME]
+    ends = range_ends(one_user(track, measurements.t), measurements, measurements.j, keyframes, np.zeros(2))
     np.testing.assert_array_equal(ends.keyframe, [0, 0])
     for column in (ends.offset, ends.lever, ends.velocity):
         np.testing.assert_array_equal(column, np.zeros((2, 3)))

@@ -6,26 +6,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from synchronizar.arrays import Array, Indices
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples
-from synchronizar.preprocessing.range_weights import crowd, worth, worth_before
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.preprocessing.range_weights import measured_range_weights, neighbour_counts, prior_range_weights
 
-MODEL = Model(multipath_duration=3.0, multipath_neighbours=0.3, multipath_share=0.5, multipath_weight=20.0)
+MODEL = Parameters(multipath_duration=3.0, multipath_neighbours=0.3, multipath_share=0.5, multipath_weight=20.0)
 HZ = 4.0  # ranges a second of a pair: each has its next neighbours alone within 0.3 s, and 24 others within 3 s
 CROWD = 25
 
 
-def samples_of_pairs(t: list[Array], sigma: float = 0.1) -> Samples:
+def samples_of_pairs(t: list[Array], sigma: float = 0.1) -> RangeMeasurements:
     """One pair of users for each of these times: (0, 1), (0, 2), ..."""
     j = np.repeat(np.arange(1, len(t) + 1), [len(each) for each in t]).astype(np.int32)
     n = len(j)
     zeros, points = np.zeros(n), np.zeros((n, 3))
-    return Samples(
+    return RangeMeasurements(
         0 * j, j, np.concatenate(t), points, points, zeros, zeros + sigma, zeros, np.arange(n, dtype=np.int32)
     )
 
 
-def one_pair(n: int, hz: float = HZ, sigma: float = 0.1) -> Samples:
+def one_pair(n: int, hz: float = HZ, sigma: float = 0.1) -> RangeMeasurements:
     return samples_of_pairs([np.arange(n) / hz], sigma)
 
 
@@ -38,11 +38,13 @@ def autoregressive(n: int, correlation: float, seed: int = 1) -> Array:
     return out
 
 
-def found(samples: Samples, whitened: Array, judged: float = 0.1, weight: Array | None = None) -> Array:
+def found(measurements: RangeMeasurements, whitened: Array, judged: float = 0.1, weight: Array | None = None) -> Array:
     """The worth with one antenna at each end."""
-    n = len(samples)
+    n = len(measurements)
     weight = np.ones(n) if weight is None else weight
-    return worth(samples, np.full(n, judged), whitened, weight, np.zeros(n, dtype=np.int32), MODEL)
+    return measured_range_weights(
+        measurements, np.full(n, judged), whitened, weight, np.zeros(n, dtype=np.int32), MODEL
+    )
 
 
 def inside(column: Array) -> Array:
@@ -50,22 +52,22 @@ def inside(column: Array) -> Array:
     return column[CROWD:-CROWD]
 
 
-# ---- crowd, worth_before ----
+# ---- crowd, prior_range_weights ----
 
 
 @settings(deadline=None)
 @given(st.lists(st.lists(st.integers(0, 40), max_size=30), min_size=1, max_size=3))
 def test_the_crowd_is_who_is_near_in_time_within_the_pair(halves: list[list[int]]) -> None:
     t = [np.sort(np.array(each, dtype=float)) * 0.5 for each in halves]
-    samples = samples_of_pairs(t)
+    measurements = samples_of_pairs(t)
     expected = [float((np.abs(each - at) <= 3.0).sum()) for each in t for at in each]
-    np.testing.assert_array_equal(crowd(samples, MODEL), expected)
+    np.testing.assert_array_equal(neighbour_counts(measurements, MODEL), expected)
 
 
 def test_before_anything_is_known_errors_hang_together_as_the_model_says() -> None:
-    samples = one_pair(100)
-    np.testing.assert_allclose(inside(worth_before(samples, MODEL)), 1.0 / (1.0 + 0.5 * 24.0))
-    np.testing.assert_allclose(worth_before(one_pair(10, hz=0.3), MODEL), 1.0)
+    measurements = one_pair(100)
+    np.testing.assert_allclose(inside(prior_range_weights(measurements, MODEL)), 1.0 / (1.0 + 0.5 * 24.0))
+    np.testing.assert_allclose(prior_range_weights(one_pair(10, hz=0.3), MODEL), 1.0)
 
 
 # ---- worth ----
@@ -134,17 +136,19 @@ def test_antennas_that_take_turns_are_compared_each_with_itself() -> None:
     of_antenna = autoregressive(n, 0.6)
     whitened = np.column_stack([of_antenna, -of_antenna]).ravel()
     links = np.tile(np.array([7, 3], dtype=np.int32), n)
-    samples = one_pair(2 * n, hz=2.0 * HZ)
-    of_links = worth(samples, np.full(2 * n, 0.1), whitened, np.ones(2 * n), links, MODEL)
+    measurements = one_pair(2 * n, hz=2.0 * HZ)
+    of_links = measured_range_weights(measurements, np.full(2 * n, 0.1), whitened, np.ones(2 * n), links, MODEL)
     np.testing.assert_allclose(inside(inside(of_links)), 1.0 / (1.0 + 0.6 * 48.0), rtol=0.1)
-    of_one = worth(samples, np.full(2 * n, 0.1), whitened, np.ones(2 * n), np.zeros(2 * n, dtype=np.int32), MODEL)
+    of_one = measured_range_weights(
+        measurements, np.full(2 * n, 0.1), whitened, np.ones(2 * n), np.zeros(2 * n, dtype=np.int32), MODEL
+    )
     assert of_one.mean() > 3.0 * of_links.mean()
 
 
 def test_ranges_of_different_antennas_tell_nothing_of_one_another() -> None:
     """Each range is between two antennas of its own: what the model says stays, but for what chance may show."""
-    samples, links = one_pair(200), np.arange(200, dtype=np.int32)
-    alone = worth(samples, np.full(200, 0.1), np.ones(200), np.ones(200), links, MODEL)
+    measurements, links = one_pair(200), np.arange(200, dtype=np.int32)
+    alone = measured_range_weights(measurements, np.full(200, 0.1), np.ones(200), np.ones(200), links, MODEL)
     np.testing.assert_allclose(inside(alone), 1.0 / (1.0 + 24.0 * (0.5 - 1.5**2 / 20.0 / 0.5)))
 
 
@@ -161,18 +165,18 @@ def test_few_ranges_are_judged_by_the_model() -> None:
 def test_pairs_are_judged_by_their_own_errors_as_far_as_they_have_any() -> None:
     """Far apart in time; 150 ranges with errors of 3 sigma, 50 with errors of 1 sigma."""
     whitened = np.concatenate([np.full(150, 3.0), np.full(50, 1.0)])
-    samples = samples_of_pairs([10.0 * np.arange(150), 10.0 * np.arange(50)])
+    measurements = samples_of_pairs([10.0 * np.arange(150), 10.0 * np.arange(50)])
     of_all = (150 * 9.0 + 50 * 1.0) / 200
     expected = [(50 * of_all + 150 * 9.0) / 200, (50 * of_all + 50 * 1.0) / 100]
-    np.testing.assert_allclose(1.0 / found(samples, whitened), np.repeat(expected, [150, 50]))
+    np.testing.assert_allclose(1.0 / found(measurements, whitened), np.repeat(expected, [150, 50]))
 
 
 def test_what_the_loss_gives_no_weight_tells_nothing() -> None:
     random = np.random.default_rng(3)
     whitened, late = random.normal(size=500), random.random(500) < 0.3
     weight = np.where(late, 0.0, 1.0)
-    samples = one_pair(500)
-    far, further = (found(samples, np.where(late, off, whitened), weight=weight) for off in (-20.0, 300.0))
+    measurements = one_pair(500)
+    far, further = (found(measurements, np.where(late, off, whitened), weight=weight) for off in (-20.0, 300.0))
     np.testing.assert_array_equal(far, further)
 
 
@@ -180,10 +184,10 @@ def test_what_the_loss_gives_no_weight_tells_nothing() -> None:
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 60), judged=st.floats(0.1, 0.5))
 def test_a_range_is_never_worth_more_than_the_recording_says(seed: int, n: int, judged: float) -> None:
     random = np.random.default_rng(seed)
-    samples = samples_of_pairs([np.sort(random.uniform(0.0, 20.0, n)) for _ in range(2)])
+    measurements = samples_of_pairs([np.sort(random.uniform(0.0, 20.0, n)) for _ in range(2)])
     links: Indices = random.integers(0, 3, 2 * n).astype(np.int32)
     whitened, weight = random.standard_cauchy(2 * n), random.random(2 * n)
-    of_each = worth(samples, np.full(2 * n, judged), whitened, weight, links, MODEL)
+    of_each = measured_range_weights(measurements, np.full(2 * n, judged), whitened, weight, links, MODEL)
     assert (of_each > 0.0).all()
     assert (of_each <= (judged / 0.1) ** 2 * (1.0 + 1e-12)).all()
 
@@ -196,24 +200,24 @@ def test_a_single_range_counts_once() -> None:
 def test_without_ranges_nothing_counts() -> None:
     none = one_pair(0)
     assert found(none, np.zeros(0)).shape == (0,)
-    assert worth_before(none, MODEL).shape == (0,)
+    assert prior_range_weights(none, MODEL).shape == (0,)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.2, 0.5])
 def test_where_some_ranges_are_late_the_others_are_worth_less(late: float) -> None:
     n = 100_000
-    samples, noise = one_pair(n), np.random.default_rng(1).normal(size=n)
+    measurements, noise = one_pair(n), np.random.default_rng(1).normal(size=n)
     weight = np.where(np.random.default_rng(2).random(n) < late, 0.0, 1.0)
-    ratio = inside(found(samples, noise, weight=weight)) / inside(found(samples, noise))
+    ratio = inside(found(measurements, noise, weight=weight)) / inside(found(measurements, noise))
     np.testing.assert_allclose(ratio, 1.0 / (1.0 + 4.0 * late * (1.0 - late)), rtol=0.05)
 
 
 def test_pairs_are_late_by_their_own_ranges_as_far_as_they_have_any() -> None:
     t = np.arange(2000) / HZ
-    samples, noise = samples_of_pairs([t, t, t[:1]]), np.random.default_rng(1).normal(size=4001)
+    measurements, noise = samples_of_pairs([t, t, t[:1]]), np.random.default_rng(1).normal(size=4001)
     weight = np.ones(4001)
     weight[:1000] = 0.0
-    counts = found(samples, noise, weight=weight) / found(samples, noise)
+    counts = found(measurements, noise, weight=weight) / found(measurements, noise)
     assert counts[1500] == pytest.approx(0.5, rel=0.1)
     assert counts[3000] > 0.9
     # One range of its own, all others' share: a quarter is late.

@@ -21,7 +21,7 @@ from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import (
     Alternative,
-    DeviceSigma,
+    CalibrationSigma,
     RangeVerdicts,
     Registration,
     State,
@@ -32,7 +32,7 @@ from synchronizar.errors import InputError
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame, yaw_quaternion
 from synchronizar.io.registration_folder import registration_json, write_registration
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.plots import draw, draw_devices, plot
 from synchronizar.reporting.plots.answer import Answer, read_answer
 from synchronizar.reporting.plots.drift import common_from_user_at_start, drift_of
@@ -57,7 +57,7 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="module")
 def registration(recording: Recording) -> Registration:
-    return register(recording, kind="rigid")
+    return register(recording, model="rigid")
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def drifting() -> Recording:
 
 @pytest.fixture(scope="module")
 def corrected(drifting: Recording) -> Registration:
-    return register(drifting, kind="full")
+    return register(drifting, model="full")
 
 
 @pytest.fixture
@@ -507,7 +507,7 @@ def test_of_very_many_users_the_first_are_listed() -> None:
 def test_no_range_at_all_makes_a_picture_too(tmp_path: Path) -> None:
     simulated = simulate(Scene(users=2, seconds=2.0)).recording
     recording = replace(simulated, ranges=simulated.ranges.select(np.zeros(0, dtype=np.intp)))
-    write_registration(register(recording, kind="rigid"), recording, tmp_path)
+    write_registration(register(recording, model="rigid"), recording, tmp_path)
     assert plot(recording, tmp_path, "walk").exists()
 
 
@@ -566,14 +566,14 @@ def test_drift_is_drawn_over_time_with_its_jumps() -> None:
 
 
 def test_estimates_have_bars_of_two_sigma_and_are_hollow_where_the_prior_determines_them() -> None:
-    sigma = DeviceSigma(0.01, 0.02, 0.005)
-    bob = placed("bob", clock_offset=0.05, device_sigma=sigma, prior_dominated=("clock_offset",))
-    alice = replace(REFERENCE, clock_offset=-0.02, device_sigma=sigma)
-    radio = placed("radio", static=True, clock_offset=None, range_bias=0.1, device_sigma=sigma)
+    sigma = CalibrationSigma(0.01, 0.02, 0.005)
+    bob = placed("bob", clock_offset=0.05, calibration_sigma=sigma, prior_dominated=("clock_offset",))
+    alice = replace(REFERENCE, clock_offset=-0.02, calibration_sigma=sigma)
+    radio = placed("radio", static=True, clock_offset=None, range_bias=0.1, calibration_sigma=sigma)
     zoe = UserRegistration("zoe", State.DISCONNECTED, "", None, None)
     answer = answer_of(alice, bob, radio, zoe, **FULL)
     scale, bias, clock = (panel() for _ in range(3))
-    for ax, kind in zip((scale, bias, clock), kinds(Model()), strict=True):
+    for ax, kind in zip((scale, bias, clock), kinds(Parameters()), strict=True):
         draw_estimates(ax, answer, kind)
     assert [text.get_text() for text in clock.texts] == ["-20 ±10", "50 ±10", "-", "-"]
     assert [text.get_text() for text in bias.texts] == ["0.000 ±0.040", "0.000 ±0.040", "0.100 ±0.040", "-"]
@@ -583,7 +583,7 @@ def test_estimates_have_bars_of_two_sigma_and_are_hollow_where_the_prior_determi
     bars = [lines.get_segments()[0] for lines in clock.collections if isinstance(lines, LineCollection)]
     np.testing.assert_allclose(bars, [[[-30, 0], [-10, 0]], [[40, 1], [60, 1]]])
     band = clock.patches[0].get_extents().transformed(clock.transData.inverted())
-    prior = 2e3 * np.hypot(Model().clock_sigma, Model().clock_common_sigma)
+    prior = 2e3 * np.hypot(Parameters().clock_sigma, Parameters().clock_common_sigma)
     np.testing.assert_allclose([band.x0, band.x1], [-prior, prior])
 
 
@@ -648,7 +648,7 @@ def test_of_very_many_devices_the_first_are_listed_and_the_worst_pairs_shown() -
     [
         (),
         (UserRegistration("bob", State.DISCONNECTED, "", None, None, jumps=(Jump(1.0, 1, 0.5, 0.1, 0.0),)),),
-        (placed("bob", static=True, clock_offset=None, device_sigma=DeviceSigma(np.nan, 0.02, np.nan)),),
+        (placed("bob", static=True, clock_offset=None, calibration_sigma=CalibrationSigma(np.nan, 0.02, np.nan)),),
         *((placed(name),) for name in ("_hidden", r"$\frac$", "ボ" * 50)),
     ],
 )

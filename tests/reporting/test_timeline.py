@@ -203,7 +203,7 @@ def test_pages_of_an_earlier_answer_go(simulation: Simulation, folder: Path) -> 
     plot(simulation.recording, folder, "walk")
     assert [file.name for file in folder.glob("*.png")] == ["replay.png"]
     (folder / "updates.jsonl").unlink()
-    write_registration(register(simulation.recording, kind="rigid"), simulation.recording, folder)
+    write_registration(register(simulation.recording, model="rigid"), simulation.recording, folder)
     assert plot(simulation.recording, folder, "walk") == folder / "picture.png"
     assert [file.name for file in folder.glob("*.png")] == ["picture.png"]
 

@@ -32,7 +32,7 @@ class Measured(NamedTuple):
     o_j: Array
     distance: Array
     sigma: Array
-    late_odds: Array
+    nlos_odds: Array
 
     def block(self) -> RangeBlock:
         return RangeBlock(*self)
@@ -62,8 +62,8 @@ def exponential(v: Numbers) -> Numbers:
 def perturbed(placement: Array, delta: Numbers) -> Numbers:
     """The placement after gtsam's retraction: F Exp(delta_F), H + delta_H, X Exp(delta_X), Z + delta_Z."""
     frame = compose(placement[:3], exponential(delta[:3]))
-    local = compose(placement[4:7], exponential(delta[4:7]))
-    return np.array([*frame, placement[3] + delta[3], *local, placement[7] + delta[7]])
+    keyframe_poses = compose(placement[4:7], exponential(delta[4:7]))
+    return np.array([*frame, placement[3] + delta[3], *keyframe_poses, placement[7] + delta[7]])
 
 
 def antenna(placement: Numbers, o: Array) -> Numbers:
@@ -102,7 +102,7 @@ def row(i: Array, o_i: Array, j: Array, o_j: Array) -> Array:
 # ---- losses ----
 
 
-def rho_around(loss: Loss, e: float, sigma: float, late_odds: float) -> Callable[[Any], Any]:
+def rho_around(loss: Loss, e: float, sigma: float, nlos_odds: float) -> Callable[[Any], Any]:
     """The smooth function that the loss is on e's side of whatever seam it has."""
     if isinstance(loss, Squared):
         return lambda x: x * x / 2.0
@@ -113,7 +113,7 @@ def rho_around(loss: Loss, e: float, sigma: float, late_odds: float) -> Callable
         return lambda x: loss.k**2 / 2.0 * np.log(1.0 + (x / loss.k) ** 2)
     if isinstance(loss, GemanMcClure):
         return lambda x: x * x / 2.0 / (1.0 + (x / loss.k) ** 2)
-    odds = late_odds if e < 0.0 else loss.early_odds
+    odds = nlos_odds if e < 0.0 else loss.early_odds
     at_zero = mixture(0.0, sigma, odds, loss.scale)
     return lambda x: -np.log(mixture(x, sigma, odds, loss.scale) / at_zero)
 
@@ -133,9 +133,9 @@ def stray_density(e: Any, sigma: Any, scale: float) -> Any:
     return 2.0 / (np.pi * scale * (1.0 + (e * sigma / scale) ** 2))
 
 
-def loss_value(loss: Loss, e: float, sigma: float, late_odds: float, annealing: float = 1.0) -> Array:
+def loss_value(loss: Loss, e: float, sigma: float, nlos_odds: float, annealing: float = 1.0) -> Array:
     """(rho, weight, curvature) of mu^2 rho(e / mu), the last two by numerical derivatives."""
-    around = rho_around(loss, e / annealing, sigma, late_odds)
+    around = rho_around(loss, e / annealing, sigma, nlos_odds)
 
     def rho(x: Any) -> Any:
         return annealing**2 * around(x / annealing)
@@ -164,7 +164,7 @@ def losses(i: Array, j: Array, ranges: Measured, loss: Loss, annealing: float = 
     """(n, 3): rho, weight and curvature of every range."""
     e = residuals(i, j, ranges) / ranges.sigma
     return np.array(
-        [loss_value(loss, *of_range, annealing) for of_range in zip(e, ranges.sigma, ranges.late_odds, strict=True)]
+        [loss_value(loss, *of_range, annealing) for of_range in zip(e, ranges.sigma, ranges.nlos_odds, strict=True)]
     )
 
 
@@ -184,7 +184,7 @@ def gradient(i: Array, j: Array, ranges: Measured, loss: Loss, annealing: float 
     return np.asarray(rows(i, j, ranges).T @ (weight * e / ranges.sigma))
 
 
-def height_bending(i: Array, j: Array, ranges: Measured, loss: Loss, annealing: float = 1.0) -> float:
+def height_curvature(i: Array, j: Array, ranges: Measured, loss: Loss, annealing: float = 1.0) -> float:
     """The sum over ranges of rho' (1 - e_z^2) / (sigma d): what their own bending adds to a height's information."""
     e = residuals(i, j, ranges) / ranges.sigma
     slope = losses(i, j, ranges, loss, annealing)[:, 1] * e
@@ -204,5 +204,5 @@ def information(i: Array, j: Array, ranges: Measured, loss: Loss, annealing: flo
     J = rows(i, j, ranges)
     up = np.zeros(16)
     up[[3, 7]], up[[11, 15]] = 1.0, -1.0
-    bending = max(height_bending(i, j, ranges, loss, annealing), 0.0)
-    return np.asarray(J.T @ (kept[:, None] * J) + bending * np.outer(up, up))
+    curvature_up = max(height_curvature(i, j, ranges, loss, annealing), 0.0)
+    return np.asarray(J.T @ (kept[:, None] * J) + curvature_up * np.outer(up, up))

@@ -18,21 +18,21 @@ from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
-from synchronizar.graph.pose_graph import AnchoredGraph, Judgement
-from synchronizar.graph.rigid_graph import RigidGraph, blocks_of, late_loss
-from synchronizar.graph.states import Walks
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Pair, Samples, samples_of
+from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.rigid_graph import RigidGraph, blocks_of, nlos_mixture
+from synchronizar.graph.states import States
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import Pair, RangeMeasurements, range_measurements
 from synchronizar.simulation.simulate import Simulation
 
-LEVEL = (0.0, 0.0, 0.0, 1.0)
+MEAN_HEIGHT = (0.0, 0.0, 0.0, 1.0)
 
-register_rigid = partial(register, kind="rigid")
+register_rigid = partial(register, model="rigid")
 
 
 def track_of(t: Array, position: Array) -> Track:
     """A device that is held level all along."""
-    return Track(np.asarray(t, dtype=float), np.asarray(position, dtype=float), np.tile(LEVEL, (len(t), 1)))
+    return Track(np.asarray(t, dtype=float), np.asarray(position, dtype=float), np.tile(MEAN_HEIGHT, (len(t), 1)))
 
 
 def recording_of(
@@ -71,10 +71,12 @@ def moved_by(recording: Recording, own_from_new: Mapping[str, YawFrame]) -> Reco
     return replace(recording, tracks=tracks)
 
 
-def rigid_graph(recording: Recording, reference: int = 0, model: Model | None = None) -> tuple[Samples, RigidGraph]:
+def rigid_graph(
+    recording: Recording, reference: int = 0, model: Parameters | None = None
+) -> tuple[RangeMeasurements, RigidGraph]:
     """The samples of a recording in which everybody is placed, and their graph."""
-    model = model or Model()
-    samples, users = samples_of(recording, model), recording.users
+    model = model or Parameters()
+    samples, users = range_measurements(recording, model), recording.users
     return samples, RigidGraph(blocks_of(samples), users, list(range(len(users))), reference, model)
 
 
@@ -123,7 +125,7 @@ def difference(frames: Array, others: Array) -> Array:
     return np.asarray(out)
 
 
-def distances(samples: Samples, frames: Array) -> Array:
+def distances(samples: RangeMeasurements, frames: Array) -> Array:
     """(n,) m between the antennas of each sample where the users' frames are these (k, 4)."""
 
     def placed(who: Indices, p: Array) -> Array:
@@ -132,19 +134,19 @@ def distances(samples: Samples, frames: Array) -> Array:
     return np.asarray(np.linalg.norm(placed(samples.i, samples.p_i) - placed(samples.j, samples.p_j), axis=1))
 
 
-def pair_bending(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> list[tuple[Pair, float]]:
+def pair_bending(graph: PoseGraph, walks: States, em_weights: EmWeights) -> list[tuple[Pair, float]]:
     """1/m^2: the second derivative in height that bending makes for each pair, as the rigid model's blocks have it.
 
     What ranges are worth must be the same within a pair.
     """
-    flat = replace(graph.flattened(walks), late_odds=judgement.late_odds)
-    poses = [UserPose(x, y, yaw, z) for x, y, z, yaw in walks.frames.tolist()]
-    worth = judgement.worth
+    flat = replace(graph.to_rigid_ranges(walks), nlos_odds=em_weights.nlos_odds)
+    poses = [UserPose(x, y, yaw, z) for x, y, z, yaw in walks.anchor_poses.tolist()]
+    range_weight = em_weights.range_weight
     return [
         (
             b.pair,
-            float(worth[b.pair.samples].mean())
-            * b.block.height_bending(poses[b.pair.i], poses[b.pair.j], late_loss(graph.model)),
+            float(range_weight[b.pair.measurements].mean())
+            * b.block.height_curvature(poses[b.pair.i], poses[b.pair.j], nlos_mixture(graph.parameters)),
         )
         for b in blocks_of(flat)
     ]
@@ -155,16 +157,16 @@ def flat_keys(keys: list[int]) -> list[int]:
     return [key for key in keys for _ in range({"H": 1, "Z": 1, "L": 1}.get(chr(gtsam.symbolChr(key)), 3))]
 
 
-def honest_information(graph: AnchoredGraph, walks: Walks, judgement: Judgement) -> Array:
+def honest_information(graph: PoseGraph, walks: States, em_weights: EmWeights) -> Array:
     """That of all variables in the graph's ordering; bending in height taken pair by pair, negative or not."""
     count, ordering = len(graph.users), graph.ordering()
     keys = flat_keys([ordering.at(n) for n in range(ordering.size())])
-    shared, below = np.zeros(len(graph.samples)), np.zeros((count, count))
-    for pair, bend in pair_bending(graph, walks, judgement):
-        shared[pair.samples] = max(bend, 0.0) / (pair.samples.stop - pair.samples.start)
+    shared, below = np.zeros(len(graph.measurements)), np.zeros((count, count))
+    for pair, bend in pair_bending(graph, walks, em_weights):
+        shared[pair.measurements] = max(bend, 0.0) / (pair.measurements.stop - pair.measurements.start)
         apart = np.eye(count)[pair.i] - np.eye(count)[pair.j]
         below += min(bend, 0.0) * np.outer(apart, apart)
-    linear = graph.factors(walks.frames, judgement, bending=shared).linearize(graph.values(walks))
+    linear = graph.factors(walks.anchor_poses, em_weights, height_curvature=shared).linearize(graph.values(walks))
     information, _ = linear.hessian(ordering)
     heights = [n for n, key in enumerate(keys) if chr(gtsam.symbolChr(key)) == "H"]
     users = [gtsam.symbolIndex(keys[n]) for n in heights]

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.hypotheses import Placement
+from synchronizar.estimation.hypotheses import Hypothesis
 from synchronizar.estimation.integrity import nearness
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 
 _DIRECTIONS = 16
 _LENGTHS = (1.0, 2.0, 3.0)  # m
@@ -34,25 +34,25 @@ class Cue(NamedTuple):
 
 
 def cue_of(
-    best: Placement,
+    best: Hypothesis,
     user: int,
     here: Array,
     others: Array,
     velocity: Array,
-    corners: Array,
+    extent: Array,
     names: list[str],
     before: Cue | None,
-    model: Model,
+    parameters: Parameters,
 ) -> Cue | None:
     """None where no walk of a few metres would help.
 
     `here` (3,) m and `velocity` (2,) m/s of the user in the common frame, `others` (k, 3) where those are to whom it
-    ranges, `names` theirs; `corners` (c, 3) bound its walk about its last keyframe. The way
+    ranges, `names` theirs; `extent` (c, 3) bound its walk about its last keyframe. The way
     that was told `before` is told again while it is nearly as good.
     """
     phi = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
-    now = nearness(best, user, False, corners, model)
-    gain = np.array([[_after(best, user, here, others, a, n, corners, model) - now for n in _LENGTHS] for a in phi])
+    now = nearness(best, user, False, extent, parameters)
+    gain = np.array([[_after(best, user, here, others, a, n, extent, parameters) - now for n in _LENGTHS] for a in phi])
     way = int(np.argmax(gain[:, -1]))
     if before is not None:
         same = int(np.argmin(np.abs(_degrees(np.asarray(phi - before.direction, dtype=float)))))
@@ -65,7 +65,14 @@ def cue_of(
 
 
 def _after(
-    best: Placement, user: int, here: Array, others: Array, phi: float, length: float, corners: Array, model: Model
+    best: Hypothesis,
+    user: int,
+    here: Array,
+    others: Array,
+    phi: float,
+    length: float,
+    extent: Array,
+    parameters: Parameters,
 ) -> float:
     """How near to being registered the user is after a straight walk."""
     steps = np.arange(_SPACING, length + 0.5 * _SPACING, _SPACING)
@@ -79,10 +86,10 @@ def _after(
     covariance = best.covariances[user]
     # By the matrix inversion lemma, for a covariance may be all but singular.
     gain = covariance @ rows.T
-    innovation = rows @ gain + (model.range_sigma**2 + model.multipath_sigma**2) * np.eye(len(rows))
+    innovation = rows @ gain + (parameters.range_sigma**2 + parameters.multipath_sigma**2) * np.eye(len(rows))
     covariances = best.covariances.copy()
     covariances[user] = covariance - gain @ np.linalg.solve(innovation, gain.T)
-    return nearness(best._replace(covariances=covariances), user, False, corners, model)
+    return nearness(best._replace(covariances=covariances), user, False, extent, parameters)
 
 
 def _towards(direction: float, here: Array, others: Array, velocity: Array, names: list[str]) -> str:

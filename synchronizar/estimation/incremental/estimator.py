@@ -18,7 +18,7 @@ from time import perf_counter
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.cooperative import Portions, finish
+from synchronizar.cooperative import Cooperative, finish
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
@@ -31,7 +31,7 @@ from synchronizar.estimation.incremental.window import Window
 from synchronizar.estimation.incremental.window_state import Checkpoint, Memory, beginning, load, save
 from synchronizar.estimation.initialisation import connected
 from synchronizar.estimation.integrity import Verdict
-from synchronizar.estimation.local_optima import Settled
+from synchronizar.estimation.local_optima import LocalOptimum
 from synchronizar.estimation.outcome import Outcome
 from synchronizar.geometry import (
     YawFrame,
@@ -41,12 +41,12 @@ from synchronizar.geometry import (
     wrap_angle,
     yaw_of_quaternions,
 )
-from synchronizar.graph.marginal_prior import Carried
-from synchronizar.graph.marginals import Errors, Sureness, carry, errors_of, sureness_of
+from synchronizar.graph.marginal_prior import MarginalPrior
+from synchronizar.graph.marginals import Errors, Marginals, errors_of, marginalized, marginals_of
 from synchronizar.graph.states import SCALE
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import samples_of
-from synchronizar.preprocessing.relocalizations import Mended, mend
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import range_measurements
+from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 
 _NO_MORE = object()
 _SAID = ("states", "known", "since", "steady", "registered")
@@ -60,17 +60,17 @@ _SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
 class Estimator:
     """Frames of users while poses and ranges come."""
 
-    def __init__(self, users: tuple[User, ...], reference: str, model: Model | None = None) -> None:
+    def __init__(self, users: tuple[User, ...], reference: str, parameters: Parameters | None = None) -> None:
         """`users` sorted by name. KeyError where `reference` is none of them; it must not stand still."""
         moving = {u.name: n for n, u in enumerate(users) if not u.static}
-        self._begin_with(Stream(users), beginning(len(users), moving[reference]), model or Model())
+        self._begin_with(Stream(users), beginning(len(users), moving[reference]), parameters or Parameters())
 
-    def _begin_with(self, stream: Stream, memory: Memory, model: Model) -> None:
-        self.users, self.stream, self.memory, self.model = stream.users, stream, memory, model
+    def _begin_with(self, stream: Stream, memory: Memory, parameters: Parameters) -> None:
+        self.users, self.stream, self.memory, self.parameters = stream.users, stream, memory, parameters
         self.solution: Solution | None = None
         self._cues: dict[int, Cue] = {}
         self._untold: list[str] = []
-        self._work: Portions[None] | None = None
+        self._work: Cooperative[None] | None = None
         self._searched, self._searching = -np.inf, True
         self._near = np.zeros(len(self.users))
 
@@ -80,10 +80,10 @@ class Estimator:
         save(path, self.stream, self.memory)
 
     @classmethod
-    def load(cls, path: str | Path, model: Model | None = None) -> Estimator:
+    def load(cls, path: str | Path, parameters: Parameters | None = None) -> Estimator:
         """Go on from a file that `save` wrote. Raises InputError where it is none."""
         out = cls.__new__(cls)
-        out._begin_with(*load(path), model or Model())
+        out._begin_with(*load(path), parameters or Parameters())
         if np.isfinite(out.memory.solved):
             # For its solution alone: what was said of everybody stands until the next solve is due.
             said = {name: copy(getattr(out.memory, name)) for name in _SAID}
@@ -181,9 +181,9 @@ class Estimator:
         solution, frame = self.solution, self.frame(user)
         if solution is None or frame is None or self.users[user].static or self.state(user) is not State.UNOBSERVABLE:
             return None
-        samples, frames = solution.graph.samples, solution.placed
-        mine = (samples.i == user) | (samples.j == user)
-        partners = [u for u in np.unique([samples.i[mine], samples.j[mine]]).tolist() if u != user]
+        measurements, frames = solution.graph.measurements, solution.last_poses
+        mine = (measurements.i == user) | (measurements.j == user)
+        partners = [u for u in np.unique([measurements.i[mine], measurements.j[mine]]).tolist() if u != user]
         now = [self.stream.last_pose(u) for u in partners]
         others = np.array(
             [
@@ -194,10 +194,12 @@ class Estimator:
         recent = self.stream.poses_since(user, _RECENT_WALK)
         ends = np.array([solution.pose(user, row[1:4], _IDENTITY)[0] for row in recent[[0, -1]]])
         velocity = (ends[1] - ends[0])[:2] / max(float(recent[-1, 0] - recent[0, 0]), 0.1)
-        placement = solution.told.placements[0]
+        placement = solution.told.hypotheses[0]
         turned = placement._replace(frames=frames, covariances=_turned(placement.covariances, solution.common[3]))
         names = [self.users[u].name for u in partners]
-        return cue_of(turned, user, ends[1], others, velocity, solution.told.corners[user], names, before, self.model)
+        return cue_of(
+            turned, user, ends[1], others, velocity, solution.told.extent[user], names, before, self.parameters
+        )
 
     def _registered(self) -> set[int]:
         return {u for u, state in self.memory.states.items() if state is State.REGISTERED}
@@ -210,7 +212,7 @@ class Estimator:
 
     def _due(self) -> float:
         """When the next solve is: each keyframe; while nobody is known, when the next search is."""
-        follow = self.memory.solved + self.model.keyframe_interval
+        follow = self.memory.solved + self.parameters.keyframe_interval
         if not self._unknown():
             return follow
         followed = self.solution is not None and len(self.memory.known) > 1
@@ -221,16 +223,16 @@ class Estimator:
 
     def _check_due(self) -> bool:
         """Whether those that are known are to be looked at anew, with what else might explain their ranges."""
-        return not self._unknown() and self.memory.now >= self._searched + self.model.check_interval
+        return not self._unknown() and self.memory.now >= self._searched + self.parameters.check_interval
 
     def _next_search(self) -> float:
         """Those whose place is not known are looked for ever more seldom."""
         looked = self._searched - min(self.memory.since[u] for u in self._unknown())
-        return self._searched + max(self.model.search_least, self.model.search_growth * looked)
+        return self._searched + max(self.parameters.search_least, self.parameters.search_growth * looked)
 
     def _move_window(self) -> None:
         """Begin the window as late as all that must be in it allows, and never earlier than before."""
-        m, memory = self.model, self.memory
+        m, memory = self.parameters, self.memory
         latest = memory.now - m.window
         for u in self._unknown():
             latest = min(latest, max(memory.since[u], memory.now - m.first_stretch))
@@ -245,78 +247,89 @@ class Estimator:
 
     # The solve
 
-    def _solving(self, searching: bool) -> Portions[None]:
+    def _solving(self, searching: bool) -> Cooperative[None]:
         """All that came until now.
 
         Those whose place is not known are judged where all is `searching` for them; between searches they stay
         where the last one found them, and so does the window, for nothing of theirs is carried.
         """
-        memory, m, now = self.memory, self.model, self.memory.now
+        memory, m, now = self.memory, self.parameters, self.memory.now
         if searching or not self._unknown():
             self._move_window()
         self._hand_over()
         begin = memory.begin
         stretch = self.stream.stretch(begin.begin, begin.axes, begin.lift)
-        mended = {}
+        repaired_tracks = {}
         for name, track in stretch.recording.tracks.items():
             yield
-            mended[name] = mend(track, m)
-        smooth = replace(stretch.recording, tracks={name: of.track for name, of in mended.items()})
-        samples = samples_of(smooth, m)
-        placed = connected(samples, len(self.users), memory.gauge)
-        self._part(placed)
+            repaired_tracks[name] = repair_relocalizations(track, m)
+        repaired = replace(stretch.recording, tracks={name: of.track for name, of in repaired_tracks.items()})
+        measurements = range_measurements(repaired, m)
+        active_users = connected(measurements, len(self.users), memory.gauge)
+        self._part(active_users)
         last = None if searching and self._unknown() else self._last()
         if last is not None:
-            placed = [u for u in placed if u in last.graph.placed]
-        samples = samples[np.isin(samples.i, placed) & np.isin(samples.j, placed)]
-        if len(samples) < _SETTLED_ENOUGH:
+            active_users = [u for u in active_users if u in last.graph.active_users]
+        measurements = measurements[np.isin(measurements.i, active_users) & np.isin(measurements.j, active_users)]
+        if len(measurements) < _SETTLED_ENOUGH:
             return
-        carried = _of(begin.carried, placed, memory.known)
-        window = Window(smooth, mended, samples, placed, memory.gauge, carried, memory.noise, memory.worth)
+        marginal_prior = _of(begin.marginal_prior, active_users, memory.known)
+        window = Window(
+            repaired,
+            repaired_tracks,
+            measurements,
+            active_users,
+            memory.gauge,
+            marginal_prior,
+            memory.noise,
+            memory.range_weight,
+        )
         yield
         minima, noise = yield from window.minima(last, searching, m)
         yield
-        memory.noise, memory.worth = noise, float(minima[0].judgement.worth.mean())
+        memory.noise, memory.range_weight = noise, float(minima[0].em_weights.range_weight.mean())
         best = minima[0]
-        errors = yield from errors_of(best.graph, best.walks, best.judgement)
-        sure = sureness_of(best.graph, best.walks, errors)
+        errors = yield from errors_of(best.graph, best.states, best.em_weights)
+        sure = marginals_of(best.graph, best.states, errors)
         before = self.solution
-        self.solution = self._told(begin, stretch, smooth, mended, minima, noise, sure)
+        self.solution = self._told(begin, stretch, repaired, repaired_tracks, minima, noise, sure)
         yield
-        self._judge(placed if searching else [u for u in placed if u in memory.known], now, before)
+        self._judge(active_users if searching else [u for u in active_users if u in memory.known], now, before)
         self._remember(stretch, errors, now)
         self._cues, cues = {}, self._cues
-        for u in placed:
+        for u in active_users:
             cue = self._cue(u, cues.get(u))
             if cue is not None:
                 self._cues[u] = cue
 
-    def _last(self) -> Settled | None:
+    def _last(self) -> LocalOptimum | None:
         """The last solution goes on where the window begins where that one's began."""
         last = self.solution
         return last.minima[0] if last is not None and last.checkpoint is self.memory.begin else None
 
     def _hand_over(self) -> None:
         """Where the user that windows are told about ranges no more, another takes its place; the frame stays."""
-        late = self.stream.ranges_since(self.memory.now - self.model.window)[:, 1:].astype(int)
+        late = self.stream.ranges_since(self.memory.now - self.parameters.window)[:, 1:].astype(int)
         heard = np.bincount(late.ravel(), minlength=len(self.users))
-        carried = self.memory.begin.carried
-        if heard[self.memory.gauge] or carried is None:
+        marginal_prior = self.memory.begin.marginal_prior
+        if heard[self.memory.gauge] or marginal_prior is None:
             return
-        able = [u for u in carried.free if u in self.memory.known and heard[u] and not self.users[u].static]
+        able = [u for u in marginal_prior.free if u in self.memory.known and heard[u] and not self.users[u].static]
         if able:
             heir = max(able, key=lambda u: heard[u])
             memory = self.memory
             memory.checkpoints = [c.beside(heir) for c in memory.checkpoints if c.has(heir)]
             memory.gauge = heir
 
-    def _part(self, placed: list[int]) -> None:
+    def _part(self, active_users: list[int]) -> None:
         """Those who were known and to whom no chain of ranges leads any more: they are looked for when they return."""
-        gone = [u for u, state in self.memory.states.items() if state is not State.DISCONNECTED and u not in placed]
+        gone = [
+            u for u, state in self.memory.states.items() if state is not State.DISCONNECTED and u not in active_users
+        ]
         if (
             self.memory.gauge != self.memory.reference
             and self.memory.reference not in self.memory.states
-            and self.memory.reference not in placed
+            and self.memory.reference not in active_users
         ):
             gone.append(self.memory.reference)
         for u in gone:
@@ -330,37 +343,37 @@ class Estimator:
         self,
         begin: Checkpoint,
         stretch: Stretch,
-        smooth: Recording,
-        mended: dict[str, Mended],
-        minima: list[Settled],
+        repaired: Recording,
+        repaired_tracks: dict[str, RepairedTrack],
+        minima: list[LocalOptimum],
         noise: Array,
-        sure: Sureness,
+        sure: Marginals,
     ) -> Solution:
         axes, lift = begin.axes.copy(), begin.lift.copy()
         for u, user in enumerate(self.users):
             if not user.static:
-                axes[u] = multiply_quaternions(mended[user.name].mended_from_slam[-1], begin.axes[u])
+                axes[u] = multiply_quaternions(repaired_tracks[user.name].repaired_from_slam[-1], begin.axes[u])
                 if not np.isnan(stretch.end[u]):
-                    lift[u] = mended[user.name].track.position[-1, 2] - stretch.last[u, 2]
+                    lift[u] = repaired_tracks[user.name].track.position[-1, 2] - stretch.last[u, 2]
         common = begin.common
-        if begin.carried is None:
+        if begin.marginal_prior is None:
             best = minima[0]
-            scale = float(np.exp(best.walks.device[self.memory.gauge, SCALE]))
+            scale = float(np.exp(best.states.calibration[self.memory.gauge, SCALE]))
             common = np.append(scale * best.graph.keyframes[self.memory.gauge].anchor, 0.0)
-        told = tell(minima, smooth, self.model, self._registered(), sure)
-        return Solution(begin, stretch, minima, told, common, axes, lift, noise, smooth)
+        told = tell(minima, repaired, self.parameters, self._registered(), sure)
+        return Solution(begin, stretch, minima, told, common, axes, lift, noise, repaired)
 
-    def _judge(self, placed: list[int], now: float, before: Solution | None) -> None:
+    def _judge(self, active_users: list[int], now: float, before: Solution | None) -> None:
         """New states, and what changed; `before` is the solution before this one."""
         assert self.solution is not None
-        self._near[placed] = self.solution.told.progress[placed]
+        self._near[active_users] = self.solution.told.progress[active_users]
         said, rejected = self.solution.told.said, self._rejected(now)
-        for u in placed:
+        for u in active_users:
             verdict = said[u]
             if verdict is None or u == self.memory.gauge:
                 continue
             state, reason = verdict.state, verdict.reason
-            if u in self.memory.known and rejected[u] > self.model.largest_rejected:
+            if u in self.memory.known and rejected[u] > self.parameters.largest_rejected:
                 self.memory.known.discard(u)
                 self.memory.since[u] = now
                 self.memory.steady.pop(u, None)
@@ -369,7 +382,7 @@ class Estimator:
                 self.memory.steady.pop(u, None)
             elif self.state(u) is State.REGISTERED or self._is_steady(u, rejected[u], now, before):
                 since = self.memory.registered.setdefault(u, now)
-                proven = u in self.memory.known or now - since >= self.model.proven_duration
+                proven = u in self.memory.known or now - since >= self.parameters.proven_duration
                 (self.memory.known.add if proven and self._is_single(u) else self.memory.known.discard)(u)
             else:
                 self._near[u] *= _WATCHED_AT
@@ -382,7 +395,7 @@ class Estimator:
 
     def _is_steady(self, user: int, rejected: float, now: float, before: Solution | None) -> bool:
         """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are late."""
-        solution, last, m = self.solution, self.stream.last_pose(user), self.model
+        solution, last, m = self.solution, self.stream.last_pose(user), self.parameters
         assert solution is not None
         if now - self.memory.since[user] < m.least_duration:
             return False
@@ -391,7 +404,7 @@ class Estimator:
         since = self.memory.steady.setdefault(user, now)
         if last is not None and before is not None:
             here, there = (s.pose(user, last[1:4], _IDENTITY)[0] for s in (solution, before))
-            turn = abs(wrap_angle(float(solution.placed[user, 3] - before.placed[user, 3])))
+            turn = abs(wrap_angle(float(solution.last_poses[user, 3] - before.last_poses[user, 3])))
             if not (np.linalg.norm(here - there) < 0.5 * m.largest_error and turn < 0.5 * m.largest_yaw_error):
                 since = self.memory.steady[user] = now
         return now - since >= m.watched_duration
@@ -400,19 +413,19 @@ class Estimator:
         """Whether one minimum alone is left for a user: of two that are still near only searches see both part."""
         assert self.solution is not None
         told = self.solution.told
-        where = np.array([places(m.frames, told.corners)[user, :, :2] for m in told.placements[0].minima_of(user)])
-        return bool(np.linalg.norm(where - where[0], axis=2).max() < _PARTING * self.model.largest_error)
+        where = np.array([places(m.frames, told.extent)[user, :, :2] for m in told.hypotheses[0].components_of(user)])
+        return bool(np.linalg.norm(where - where[0], axis=2).max() < _PARTING * self.parameters.largest_error)
 
     def _rejected(self, now: float) -> Array:
         """(k,) the share of each user's latest ranges that are taken for late or worse."""
         assert self.solution is not None
-        samples, honest = self.solution.graph.samples, self.solution.told.honest
-        late = samples.t > now - self.model.recent
+        measurements, inlier_probability = self.solution.graph.measurements, self.solution.told.inlier_probability
+        late = measurements.t > now - self.parameters.recent
         out = np.zeros(len(self.users))
         for u in range(len(self.users)):
-            mine = late & ((samples.i == u) | (samples.j == u))
+            mine = late & ((measurements.i == u) | (measurements.j == u))
             if mine.sum() >= _SETTLED_ENOUGH:
-                out[u] = float((honest[mine] < 0.5).mean())
+                out[u] = float((inlier_probability[mine] < 0.5).mean())
         return out
 
     def _remember(self, stretch: Stretch, errors: Errors, now: float) -> None:
@@ -420,15 +433,17 @@ class Estimator:
         solution = self.solution
         assert solution is not None
         best = solution.minima[0]
-        unknown = {u for u in best.graph.placed if u not in self.memory.known}
+        unknown = {u for u in best.graph.active_users if u not in self.memory.known}
         own_height = stretch.last[:, 2] + solution.lift
-        carried = carry(best.graph, best.walks, errors, own_height).without(unknown)
-        carried = carried.aged(self.model.clock_walk**2 * float(np.ptp(best.graph.samples.t)))
+        marginal_prior = marginalized(best.graph, best.states, errors, own_height).without(unknown)
+        marginal_prior = marginal_prior.aged(self.parameters.clock_walk**2 * float(np.ptp(best.graph.measurements.t)))
         reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
         reference[2] -= solution.scale(self.memory.gauge) * own_height[self.memory.gauge]
         spread = solution.covariances[self.memory.gauge, :4, :4]
         begin = np.where(np.isnan(stretch.end), self.memory.begin.begin, stretch.end)
-        self.memory.checkpoints.append(Checkpoint(now, begin, solution.axes, solution.lift, carried, reference, spread))
+        self.memory.checkpoints.append(
+            Checkpoint(now, begin, solution.axes, solution.lift, marginal_prior, reference, spread)
+        )
         if np.isfinite(self.memory.begin.t):
             self.stream.forget(self.memory.begin.begin, self.memory.begin.t - 1.0)
 
@@ -439,16 +454,16 @@ class Estimator:
         solution = self.solution
         if solution is None:
             raise ValueError("nothing was solved yet")
-        walks, told, k = solution.walks, solution.told, len(self.users)
+        states, told, k = solution.states, solution.told, len(self.users)
         scale = np.array([solution.scale(u) for u in range(k)])
         turned = yaw_of_quaternions(solution.axes)
         frames = [
             about_own(moved_frames(solution.common, p.frames), turned, scale, solution.stretch.last)
-            for p in told.placements
+            for p in told.hypotheses
         ]
         errors = errors_about_own(frames[0], scale, solution.stretch.last)
-        device, sigma = walks.device.copy(), told.device_sigma.copy()
-        device[:, SCALE], sigma[:, SCALE] = scale, sigma[:, SCALE] * scale
+        calibration, sigma = states.calibration.copy(), told.calibration_sigma.copy()
+        calibration[:, SCALE], sigma[:, SCALE] = scale, sigma[:, SCALE] * scale
         said: list[Verdict | None] = list(told.said)
         for u, verdict in enumerate(said):
             if verdict is not None and u in self.memory.states:
@@ -458,40 +473,44 @@ class Estimator:
         return Outcome(
             searched=perf_counter(),
             said=said,
-            costs=[p.cost for p in told.placements],
+            costs=[p.cost for p in told.hypotheses],
             frames=frames,
             covariances=errors @ solution.covariances @ errors.transpose(0, 2, 1),
             errors=errors[:, :, :4],
             scale=scale,
-            samples=solution.graph.samples,
+            measurements=solution.graph.measurements,
             weight=told.weight,
-            honest=told.honest,
-            residual=-solution.graph.residuals(walks),
-            device=device,
-            device_sigma=sigma,
+            inlier_probability=told.inlier_probability,
+            residual=-solution.graph.residuals(states),
+            calibration=calibration,
+            calibration_sigma=sigma,
             slam_noise=np.where(np.array([u.static for u in self.users])[:, None], np.nan, solution.noise),
         )
 
     def frame(self, user: int) -> YawFrame | None:
         """`common_from_user` at the user's last pose; None where it has no placement."""
-        if self.solution is None or np.isnan(self.solution.placed[user, 0]) or self.state(user) is State.DISCONNECTED:
+        if (
+            self.solution is None
+            or np.isnan(self.solution.last_poses[user, 0])
+            or self.state(user) is State.DISCONNECTED
+        ):
             return None
         last = self.stream.last_pose(user)
         position = np.zeros(3) if last is None else last[1:4]
         place, _ = self.solution.pose(user, position, _IDENTITY)
         yaw = wrap_angle(
-            float(self.solution.placed[user, 3]) + float(yaw_of_quaternions(self.solution.axes[user : user + 1])[0])
+            float(self.solution.last_poses[user, 3]) + float(yaw_of_quaternions(self.solution.axes[user : user + 1])[0])
         )
         scale = self.solution.scale(user)
         x, y, z = (place - YawFrame(yaw=yaw, scale=scale) @ position).tolist()
         return YawFrame(x, y, z, yaw, scale)
 
 
-def _of(carried: Carried | None, placed: list[int], known: set[int]) -> Carried | None:
+def _of(marginal_prior: MarginalPrior | None, active_users: list[int], known: set[int]) -> MarginalPrior | None:
     """What is carried of those that are there and whose places are still believed."""
-    if carried is None:
+    if marginal_prior is None:
         return None
-    return carried.without({u for u in carried.users if u not in placed or u not in known})
+    return marginal_prior.without({u for u in marginal_prior.users if u not in active_users or u not in known})
 
 
 def _turned(covariances: Array, yaw: float) -> Array:

@@ -16,7 +16,7 @@ from synchronizar.data.track import Track
 from synchronizar.data.updates import Replay, Update, UserUpdate
 from synchronizar.estimation.incremental.estimator import Estimator
 from synchronizar.estimation.register import reference_of, register, registration_of
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 
 A_SECOND = 10
 """Updates, at most."""
@@ -26,14 +26,14 @@ _OPTIONAL = tuple(f.name for f in fields(Ranges) if f.name not in ("t", "a", "b"
 def replay(
     recording: Recording,
     reference: str | None = None,
-    model: Model | None = None,
+    parameters: Parameters | None = None,
     told: Callable[[Update], None] | None = None,
 ) -> Replay:
     """Play a recording; `told` hears each update as it is known. Raises InputError as `register` does."""
-    model = model or Model()
+    parameters = parameters or Parameters()
     began = perf_counter()
-    ref = reference_of(recording, reference, model)
-    estimator = Estimator(recording.users, recording.users[ref].name, model)
+    ref = reference_of(recording, reference, parameters)
+    estimator = Estimator(recording.users, recording.users[ref].name, parameters)
     rows: dict[str, list[Array]] = {name: [] for name in recording.tracks}
     updates: list[Update] = []
     known = _Known(estimator, recording)
@@ -110,8 +110,8 @@ class _Known:
         static = [u.static for u in self.recording.users]
         told[static, 3, :] = told[static, :, 3] = np.nan
         self._covariances = list(told)
-        at = np.array(self.rows)[solution.stretch.serial[outcome.samples.row]]
-        self._usable[at], self._used[at] = True, outcome.honest > 0.5
+        at = np.array(self.rows)[solution.stretch.serial[outcome.measurements.row]]
+        self._usable[at], self._used[at] = True, outcome.inlier_probability > 0.5
         self._weight[at], self._residual[at] = outcome.weight, outcome.residual
 
     def registration(self, tracks: dict[str, Track], seconds: dict[str, float]) -> Registration:

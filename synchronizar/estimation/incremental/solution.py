@@ -9,10 +9,10 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.assessment import Told
+from synchronizar.estimation.assessment import Assessment
 from synchronizar.estimation.incremental.stream import Stretch
 from synchronizar.estimation.incremental.window_state import Checkpoint
-from synchronizar.estimation.local_optima import Settled
+from synchronizar.estimation.local_optima import LocalOptimum
 from synchronizar.geometry import (
     apply_frames,
     moved_frames,
@@ -21,8 +21,8 @@ from synchronizar.geometry import (
     rotation_2d,
     wrap_angle,
 )
-from synchronizar.graph.pose_graph import AnchoredGraph
-from synchronizar.graph.states import SCALE, Walks, corrected
+from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.states import SCALE, States, corrected
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Solution:
 
     checkpoint: Checkpoint
     stretch: Stretch
-    minima: list[Settled]
-    told: Told
+    minima: list[LocalOptimum]
+    told: Assessment
     common: Array
     """(4,) where the graph's own frame lies in the common one."""
     axes: Array
@@ -41,41 +41,41 @@ class Solution:
     """(k,) SLAM's lengths: what is added to its heights at the end."""
     noise: Array
     """(k, 2)"""
-    smooth: Recording
+    repaired: Recording
     """The stretch with mended tracks."""
 
     @property
-    def graph(self) -> AnchoredGraph:
+    def graph(self) -> PoseGraph:
         """The best minimum's."""
         return self.minima[0].graph
 
     @property
-    def walks(self) -> Walks:
+    def states(self) -> States:
         """The best minimum's."""
-        return self.minima[0].walks
+        return self.minima[0].states
 
     def scale(self, user: int) -> float:
         """Metres in a user's own unit of length."""
-        return 1.0 if self.graph.users[user].static else float(np.exp(self.walks.device[user, SCALE]))
+        return 1.0 if self.graph.users[user].static else float(np.exp(self.states.calibration[user, SCALE]))
 
     @cached_property
-    def placed(self) -> Array:
+    def last_poses(self) -> Array:
         """(k, 4) x, y, z, yaw of each last keyframe in the common frame."""
-        return moved_frames(self.common, self.told.placements[0].frames)
+        return moved_frames(self.common, self.told.hypotheses[0].frames)
 
     @cached_property
     def covariances(self) -> Array:
-        """(k, 6, 6) as `Told.covariances`, in the common frame as it was laid at the reference's first pose."""
+        """(k, 6, 6) as `Assessment.covariances`, in the common frame as it was laid at the reference's first pose."""
         turn = np.eye(6)
         turn[:2, :2] = rotation_2d(float(self.common[3]))
         out = turn @ self.told.covariances @ turn.T
-        out[:, :4, :4] += self.checkpoint.spread_at(self.placed)
+        out[:, :4, :4] += self.checkpoint.spread_at(self.last_poses)
         return np.asarray(out)
 
     @cached_property
     def _turn(self) -> Array:
         """(k, 4) quaternions: SLAM's axes into the common frame's."""
-        yaw = 0.5 * self.placed[:, 3]
+        yaw = 0.5 * self.last_poses[:, 3]
         zero = np.zeros(len(yaw))
         return multiply_quaternions(np.column_stack([zero, zero, np.sin(yaw), np.cos(yaw)]), self.axes)
 
@@ -85,9 +85,9 @@ class Solution:
         Its place then, its own origin in height, and how its mended axes lay.
         """
         keyframes, scale, t = self.graph.keyframes[user], self.scale(user), np.array([stamp])
-        position = self.smooth.tracks[self.graph.users[user].name].at(t, np.inf).position
-        place, turned = corrected(self.walks.local[user], keyframes, t, position)
-        frame = self.walks.frames[user]
+        position = self.repaired.tracks[self.graph.users[user].name].at(t, np.inf).position
+        place, turned = corrected(self.states.keyframe_poses[user], keyframes, t, position)
+        frame = self.states.anchor_poses[user]
         here = np.append(apply_frames(frame[None], scale * place)[0], wrap_angle(frame[3] + turned[0]))
         anchor = moved_frames(self.common, here[None])[0]
         anchor[2] -= scale * position[0, 2]
@@ -97,4 +97,4 @@ class Solution:
         """A pose of SLAM's own (3,), (4,) in the common frame: as the last solution has it, SLAM followed since."""
         turn = self._turn[user]
         away = rotate_by_quaternions(turn, self.scale(user) * (position - self.stretch.last[user]))
-        return self.placed[user, :3] + away, multiply_quaternions(turn, quat_xyzw)
+        return self.last_poses[user, :3] + away, multiply_quaternions(turn, quat_xyzw)

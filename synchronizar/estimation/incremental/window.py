@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.cooperative import Portions
+from synchronizar.cooperative import Cooperative
 from synchronizar.data.recording import Recording
 from synchronizar.estimation.full import keyframes_of_all, solve
-from synchronizar.estimation.initialisation import Hypothesis, extend
-from synchronizar.estimation.local_optima import Settled, compare, settle_all
+from synchronizar.estimation.initialisation import Candidate, extend
+from synchronizar.estimation.local_optima import LocalOptimum, compare, find_optima
 from synchronizar.estimation.segments import coarse_interval, ties
-from synchronizar.graph.marginal_prior import Carried
-from synchronizar.graph.pose_graph import AnchoredGraph
-from synchronizar.graph.states import Walks, interpolated
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import Samples
-from synchronizar.preprocessing.relocalizations import Mended
+from synchronizar.graph.marginal_prior import MarginalPrior
+from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.states import States, interpolated
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.preprocessing.relocalizations import RepairedTrack
 
 _STEPS = 3  # of a solution that is followed: it is near already
 
@@ -27,72 +27,76 @@ _STEPS = 3  # of a solution that is followed: it is near already
 class Window:
     """What is known of a stretch of time before it is solved."""
 
-    smooth: Recording
+    repaired: Recording
     """With mended tracks."""
-    mended: dict[str, Mended]
-    samples: Samples
-    placed: list[int]
+    repaired_tracks: dict[str, RepairedTrack]
+    measurements: RangeMeasurements
+    active_users: list[int]
     """Whom ranges tie together."""
     gauge: int
     """Beside whom the others are placed."""
-    carried: Carried | None
+    marginal_prior: MarginalPrior | None
     """What earlier ranges told of some of them."""
     noise: Array
     """(k, 2) of each SLAM, as it was found before."""
-    worth: float
+    range_weight: float
     """Of a range, as it was found before."""
 
-    def minima(self, last: Settled | None, others: bool, model: Model) -> Portions[tuple[list[Settled], Array]]:
+    def minima(
+        self, last: LocalOptimum | None, others: bool, parameters: Parameters
+    ) -> Cooperative[tuple[list[LocalOptimum], Array]]:
         """Best first, and how noisy each SLAM is taken to be.
 
         `last` is the solution of a window that began where this one does, of all that are in this one. From it, or from
         what is carried, all are followed; `others` says to look also for other minima near, and for mirror images.
         """
-        if self.carried is None and last is None:
-            solved = solve(self.smooth, self.mended, self.gauge, model)
+        if self.marginal_prior is None and last is None:
+            solved = solve(self.repaired, self.repaired_tracks, self.gauge, parameters)
             return solved.minima, solved.noise
-        long = float(np.ptp(self.samples.t)) > 2.0 * model.window
-        interval = coarse_interval(self.samples, model) if long else model.keyframe_interval
-        keyframes = keyframes_of_all(self.smooth, self.mended, interval, model, self.noise)
+        long = float(np.ptp(self.measurements.t)) > 2.0 * parameters.window
+        interval = coarse_interval(self.measurements, parameters) if long else parameters.keyframe_interval
+        keyframes = keyframes_of_all(self.repaired, self.repaired_tracks, interval, parameters, self.noise)
         yield
-        graph = AnchoredGraph(self.smooth, self.samples, keyframes, self.placed, self.gauge, model, self.carried)
+        graph = PoseGraph(
+            self.repaired, self.measurements, keyframes, self.active_users, self.gauge, parameters, self.marginal_prior
+        )
         yield
         if last is not None:
-            starts = [interpolated(last.walks, last.graph.keyframes, keyframes)]
+            starts = [interpolated(last.states, last.graph.keyframes, keyframes)]
         else:
-            carried = self.carried
-            assert carried is not None
-            begun = graph.begin(carried.frames, carried.device)
-            known = set(self.placed) <= set(carried.users)
-            starts = [begun] if known else _joined(graph, begun, carried, model)
+            marginal_prior = self.marginal_prior
+            assert marginal_prior is not None
+            begun = graph.initial_states(marginal_prior.frames, marginal_prior.calibration)
+            known = set(self.active_users) <= set(marginal_prior.users)
+            starts = [begun] if known else _joined(graph, begun, marginal_prior, parameters)
             others = others or not known
         if not others:
-            return (yield from _followed(graph, starts[0], self.worth)), self.noise
-        found = settle_all(graph, starts, model)
-        (best,) = yield from _followed(graph, found[0].walks, self.worth)
-        return compare(found, best, model), self.noise
+            return (yield from _followed(graph, starts[0], self.range_weight)), self.noise
+        found = find_optima(graph, starts, parameters)
+        (best,) = yield from _followed(graph, found[0].states, self.range_weight)
+        return compare(found, best, parameters), self.noise
 
 
-def _followed(graph: AnchoredGraph, walks: Walks, worth: float) -> Portions[list[Settled]]:
+def _followed(graph: PoseGraph, states: States, range_weight: float) -> Cooperative[list[LocalOptimum]]:
     """The minimum that walks lead to; ranges were worth so much before."""
-    before = replace(graph.first_judgement(), worth=np.full(len(graph.samples), worth))
-    walks, judgement, _ = yield from graph.settling(walks, before, 1, steps_a_round=_STEPS)
+    before = replace(graph.initial_em_weights(), range_weight=np.full(len(graph.measurements), range_weight))
+    states, em_weights, _ = yield from graph.running_em(states, before, 1, steps_a_round=_STEPS)
     yield
-    judgement = graph.measured(walks, judgement)
-    return [Settled(graph, *(yield from graph.settling(walks, judgement, 1, steps_a_round=_STEPS)))]
+    em_weights = graph.with_range_weights(states, em_weights)
+    return [LocalOptimum(graph, *(yield from graph.running_em(states, em_weights, 1, steps_a_round=_STEPS)))]
 
 
-def _joined(graph: AnchoredGraph, begun: Walks, carried: Carried, model: Model) -> list[Walks]:
+def _joined(graph: PoseGraph, begun: States, marginal_prior: MarginalPrior, parameters: Parameters) -> list[States]:
     """Walks with those who are new wherever their ranges to all others allow."""
-    frames = np.full_like(begun.frames, np.nan)
-    frames[carried.users] = begun.frames[carried.users]
-    flat = graph.flattened(begun._replace(frames=np.nan_to_num(begun.frames)))
-    wide = replace(flat, sigma=np.hypot(flat.sigma, model.search_sigma))
-    alive = [Hypothesis(frames, 0.0)]
-    coming = [u for u in graph.placed if u not in carried.users]
+    frames = np.full_like(begun.anchor_poses, np.nan)
+    frames[marginal_prior.users] = begun.anchor_poses[marginal_prior.users]
+    flat = graph.to_rigid_ranges(begun._replace(anchor_poses=np.nan_to_num(begun.anchor_poses)))
+    wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search_sigma))
+    alive = [Candidate(frames, 0.0)]
+    coming = [u for u in graph.active_users if u not in marginal_prior.users]
     while coming:
         there = ~np.isnan(alive[0].frames[:, 0])
         user = max(coming, key=lambda u: ties(wide, u, np.flatnonzero(there).tolist()))
         coming.remove(user)
-        alive = extend(wide, alive, graph.users, user, model)
-    return [begun._replace(frames=h.frames) for h in alive]
+        alive = extend(wide, alive, graph.users, user, parameters)
+    return [begun._replace(anchor_poses=h.frames) for h in alive]

@@ -16,7 +16,7 @@ from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
 from synchronizar.estimation.incremental.stream import Stream
 from synchronizar.geometry import moved_frames, rotation_2d
-from synchronizar.graph.marginal_prior import Carried
+from synchronizar.graph.marginal_prior import MarginalPrior
 
 _FORMAT = 2
 _OF_CHECKPOINT = ("begin", "axes", "lift", "common", "spread")
@@ -35,7 +35,7 @@ class Checkpoint:
     """(k, 4) quaternions: what SLAM's axes had been turned by, to undo its jumps."""
     lift: Array
     """(k,) SLAM's lengths: what had been added to its heights, to the same end."""
-    carried: Carried | None = None
+    marginal_prior: MarginalPrior | None = None
     """None at the very begin."""
     common: Array = field(default_factory=lambda: np.zeros(4))
     """(4,) x, y, z, yaw: where the anchor of the user lies in the common frame beside which others are carried."""
@@ -51,17 +51,17 @@ class Checkpoint:
 
     def has(self, user: int) -> bool:
         """Whether a user is carried."""
-        return self.carried is not None and user in self.carried.users
+        return self.marginal_prior is not None and user in self.marginal_prior.users
 
     def beside(self, user: int) -> Checkpoint:
         """The same, told beside another user that is carried."""
-        assert self.carried is not None
-        common = moved_frames(self.common, self.carried.frames)[[user]]
-        at = 4 * self.carried.free.index(user) + np.array([0, 1, 3, 2])
+        assert self.marginal_prior is not None
+        common = moved_frames(self.common, self.marginal_prior.frames)[[user]]
+        at = 4 * self.marginal_prior.free.index(user) + np.array([0, 1, 3, 2])
         turn = np.eye(4)
         turn[:2, :2] = rotation_2d(float(self.common[3]))
-        spread = self.spread_at(common)[0] + turn @ self.carried.covariance[np.ix_(at, at)] @ turn.T
-        return replace(self, carried=self.carried.beside(user), common=common[0], spread=spread)
+        spread = self.spread_at(common)[0] + turn @ self.marginal_prior.covariance[np.ix_(at, at)] @ turn.T
+        return replace(self, marginal_prior=self.marginal_prior.beside(user), common=common[0], spread=spread)
 
 
 @dataclass
@@ -85,7 +85,7 @@ class Memory:
     """s: since when who is watched has stayed in its place,"""
     registered: dict[int, float] = field(default_factory=dict)
     """and since when who is registered has been so."""
-    worth: float = 1.0
+    range_weight: float = 1.0
     """As how many independent ranges each counted on average."""
     now: float = -np.inf
     solved: float = -np.inf
@@ -114,10 +114,12 @@ def save(path: str | Path, stream: Stream, memory: Memory) -> None:
     said = []
     for n, checkpoint in enumerate(memory.checkpoints):
         arrays |= {f"{name} {n}": getattr(checkpoint, name) for name in _OF_CHECKPOINT}
-        carried = checkpoint.carried
-        if carried is not None:
-            arrays |= {f"{name} {n}": getattr(carried, name) for name in ("frames", "device", "covariance")}
-        said.append([checkpoint.t, None if carried is None else [carried.users, carried.reference]])
+        marginal_prior = checkpoint.marginal_prior
+        if marginal_prior is not None:
+            arrays |= {f"{name} {n}": getattr(marginal_prior, name) for name in ("frames", "calibration", "covariance")}
+        said.append(
+            [checkpoint.t, None if marginal_prior is None else [marginal_prior.users, marginal_prior.reference]]
+        )
     header = {
         "format": _FORMAT,
         "users": [
@@ -136,7 +138,7 @@ def save(path: str | Path, stream: Stream, memory: Memory) -> None:
 
 
 _TIMES = ("since", "steady", "registered")
-_NUMBERS = ("reference", "gauge", "worth", "now", "solved", "seen")
+_NUMBERS = ("reference", "gauge", "range_weight", "now", "solved", "seen")
 
 
 def load(path: str | Path) -> tuple[Stream, Memory]:
@@ -164,10 +166,12 @@ def _read(arrays: dict[str, Any]) -> tuple[Stream, Memory]:
     checkpoints = []
     for n, (t, told) in enumerate(header["checkpoints"]):
         begin, axes, lift, common, spread = (arrays[f"{name} {n}"] for name in _OF_CHECKPOINT)
-        carried = None
+        marginal_prior = None
         if told is not None:
-            carried = Carried(told[0], told[1], *(arrays[f"{name} {n}"] for name in ("frames", "device", "covariance")))
-        checkpoints.append(Checkpoint(t, begin, axes, lift, carried, common, spread))
+            marginal_prior = MarginalPrior(
+                told[0], told[1], *(arrays[f"{name} {n}"] for name in ("frames", "calibration", "covariance"))
+            )
+        checkpoints.append(Checkpoint(t, begin, axes, lift, marginal_prior, common, spread))
     return stream, Memory(
         checkpoints=checkpoints,
         known=set(header["known"]),

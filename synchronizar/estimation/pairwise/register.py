@@ -22,8 +22,8 @@ from synchronizar.data.registration import RangeVerdicts, Registration, State, U
 from synchronizar.estimation.pairwise.solve import LEAST_REDUCED, solve_reduced
 from synchronizar.estimation.register import reference_of
 from synchronizar.geometry import YawFrame
-from synchronizar.parameters import Model
-from synchronizar.preprocessing.range_measurements import pairs, samples_of
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import pairs, range_measurements
 
 
 class PairSamples(NamedTuple):
@@ -39,15 +39,17 @@ class PairSamples(NamedTuple):
     """(n,) which range of the recording it is."""
 
 
-def register_pairwise(recording: Recording, reference: str | None = None, model: Model | None = None) -> Registration:
+def register_pairwise(
+    recording: Recording, reference: str | None = None, parameters: Parameters | None = None
+) -> Registration:
     """Where every user's frame lies in the reference's, by the paper's method.
 
     Raises InputError as `register` does, and where scipy is not installed.
     """
     began = perf_counter()
-    model = model or Model()
-    users, ref = recording.users, reference_of(recording, reference, model)
-    measured = pair_samples(recording, model)
+    parameters = parameters or Parameters()
+    users, ref = recording.users, reference_of(recording, reference, parameters)
+    measured = pair_samples(recording, parameters)
     began_to_solve = perf_counter()
     frames: dict[int, YawFrame] = {ref: YawFrame()}
     with_whom: dict[int, int] = {}
@@ -72,17 +74,17 @@ def register_pairwise(recording: Recording, reference: str | None = None, model:
             state, reason = State.DISCONNECTED, f"fewer than {LEAST_REDUCED} ranges to anybody who is registered"
         told[user.name] = UserRegistration(user.name, state, reason, frames.get(u), None, user.static)
     seconds = {"load": 0.0, "initialise": began_to_solve - began, "solve": perf_counter() - began_to_solve}
-    ranges = _range_verdicts(recording, frames, used, model)
+    ranges = _range_verdicts(recording, frames, used, parameters)
     return Registration(users[ref].name, "rigid", "pairwise", told, (), ranges, seconds)
 
 
-def pair_samples(recording: Recording, model: Model) -> dict[tuple[int, int], PairSamples]:
+def pair_samples(recording: Recording, parameters: Parameters) -> dict[tuple[int, int], PairSamples]:
     """The samples of all pairs i < j, taken at the paper's rate for as many partners as there are others."""
     period = 1.0 / papers_rate_hz(len(recording.users) - 1)
-    usable = samples_of(recording, model)
+    usable = range_measurements(recording, parameters)
     out = {}
     for pair in pairs(usable):
-        of_pair = usable[pair.samples]
+        of_pair = usable[pair.measurements]
         newest = np.append(np.diff(np.floor(of_pair.t / period)) > 0.0, True)
         taken = of_pair[newest]
         p_i = _running_average(recording, pair.i, taken.t, taken.p_i, period)
@@ -123,13 +125,13 @@ def _next(
 
 
 def _range_verdicts(
-    recording: Recording, frames: dict[int, YawFrame], used: list[Indices], model: Model
+    recording: Recording, frames: dict[int, YawFrame], used: list[Indices], parameters: Parameters
 ) -> RangeVerdicts:
     """What was sampled is taken for honest, the rest was not usable; residuals are those of interpolated places."""
-    n, samples = len(recording.ranges), samples_of(recording, model)
+    n, samples = len(recording.ranges), range_measurements(recording, parameters)
     samples = samples[np.isin(samples.row, np.concatenate([*used, np.empty(0, dtype=np.int32)]))]
     taken, residual, weight = np.zeros(n, dtype=bool), np.full(n, np.nan), np.zeros(n)
-    taken[samples.row], weight[samples.row] = True, 1.0 / model.range_sigma**2
+    taken[samples.row], weight[samples.row] = True, 1.0 / parameters.range_sigma**2
     places = [np.empty_like(samples.p_i), np.empty_like(samples.p_i)]
     for place, of, own in zip(places, (samples.i, samples.j), (samples.p_i, samples.p_j), strict=True):
         for u, frame in frames.items():

@@ -18,7 +18,7 @@ from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import (
     Alternative,
-    DeviceSigma,
+    CalibrationSigma,
     RangeVerdicts,
     Registration,
     State,
@@ -170,7 +170,9 @@ def _user(name: str, slam: Track | None, said: Mapping[str, Any], sure: bool) ->
         prior_dominated=tuple(map(str, said["prior_dominated"])),
         range_bias=_finite(said["range_bias"]),
         clock_offset=None if slam is None and clock_offset is None else _finite(clock_offset),
-        device_sigma=None if sigma is None else DeviceSigma(*(_number(sigma[name]) for name in DeviceSigma._fields)),
+        calibration_sigma=None
+        if sigma is None
+        else CalibrationSigma(*(_number(sigma[name]) for name in CalibrationSigma._fields)),
         slam_noise=None if noise is None else (_finite(noise["place"]), _finite(noise["heading"])),
         jumps=tuple(_jump(jump, slam) for jump in said["jumps"]),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import matplotlib
 from matplotlib.figure import Figure, SubFigure
 
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.plots.answer import Answer
 from synchronizar.reporting.plots.corrections import draw_corrections
 from synchronizar.reporting.plots.estimates import draw_estimates, draw_names, draw_slam_noise, kinds
@@ -42,7 +42,7 @@ def _draw_each(figure: SubFigure, answer: Answer) -> None:
     draw_corrections(distance, figure.add_subplot(columns[1, 0], sharex=distance), answer, of_user)
     draw_names(figure.add_subplot(columns[:, 1]), answer, of_user)
     panels = [figure.add_subplot(columns[:, column]) for column in (2, 3, 4)]
-    for ax, kind in zip(panels, kinds(Model()), strict=True):
+    for ax, kind in zip(panels, kinds(Parameters()), strict=True):
         draw_estimates(ax, answer, kind)
     panels[1].set_xlabel("bars: ±2σ; band: the prior's ±2σ\ngrey and hollow: the prior determines it", fontsize=9)
     draw_slam_noise(figure.add_subplot(columns[:, 5]), answer)

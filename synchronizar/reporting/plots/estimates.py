@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from synchronizar.data.registration import UserRegistration
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.plots.answer import Answer
 from synchronizar.reporting.plots.style import Style, short
 
@@ -35,7 +35,7 @@ class Kind(NamedTuple):
     """Where the model expects it."""
 
 
-def kinds(model: Model) -> tuple[Kind, Kind, Kind]:
+def kinds(model: Parameters) -> tuple[Kind, Kind, Kind]:
     """In the order of DeviceSigma."""
     # Of a device by itself, before any range: its own deviation and that of its kind.
     log_scale = SIGMAS * hypot(model.scale_sigma, model.scale_common_sigma)
@@ -131,7 +131,7 @@ def _value(user: UserRegistration, kind: Kind) -> float | None:
 
 def _reach(user: UserRegistration, kind: Kind) -> float:
     """Of its error bar; 0 where there is none."""
-    sigma = 0.0 if user.device_sigma is None else float(getattr(user.device_sigma, kind.name))
+    sigma = 0.0 if user.calibration_sigma is None else float(getattr(user.calibration_sigma, kind.name))
     return SIGMAS * sigma if np.isfinite(sigma) else 0.0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from synchronizar.arrays import Array
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.plots.answer import Answer
 from synchronizar.reporting.plots.style import REJECTED, USED
 
@@ -20,7 +20,9 @@ def range_sigma(answer: Answer) -> float:
     """m: the median of the usable ranges' own standard deviations, the model's where a recording does not say."""
     sigma = answer.ranges.sigma[answer.registration.ranges.usable]
     return (
-        float(np.median(np.where(np.isnan(sigma), Model().range_sigma, sigma))) if len(sigma) else Model().range_sigma
+        float(np.median(np.where(np.isnan(sigma), Parameters().range_sigma, sigma)))
+        if len(sigma)
+        else Parameters().range_sigma
     )
 
 

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.hypotheses import Minimum, Placement
+from synchronizar.estimation.hypotheses import GaussianComponent, Hypothesis
 from synchronizar.estimation.incremental.cues import Cue, cue_of
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 
-MODEL = Model()
+MODEL = Parameters()
 CORNERS = np.zeros((1, 3))
 
 
-def placement(covariance: Array) -> Placement:
+def placement(covariance: Array) -> Hypothesis:
     frames = np.zeros((2, 4))
     covariances = np.stack([np.zeros((4, 4)), covariance])
-    return Placement(0.0, frames, covariances, [Minimum(1.0, frames, covariances)])
+    return Hypothesis(0.0, frames, covariances, [GaussianComponent(1.0, frames, covariances)])
 
 
 def cue(covariance: Array, others: Array, velocity: Array | None = None, before: Cue | None = None) -> Cue | None:

@@ -15,7 +15,7 @@ from synchronizar.estimation.incremental.estimator import Estimator
 from synchronizar.estimation.incremental.replay import in_time
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame, wrap_angle, yaw_quaternion
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
 NOISY = Scene(
@@ -31,7 +31,7 @@ NOISY = Scene(
     drift_rad_per_sqrt_s=0.005,
 )
 CLEAN = Scene(users=3, seconds=18.0, rate_hz=8.0, seed=1)
-SHORT = Model(window=4.0, first_stretch=8.0)
+SHORT = Parameters(window=4.0, first_stretch=8.0)
 TICK = 0.1  # s
 A_SOLVE = 3.2
 """s: some thirty portions, one each tick."""
@@ -42,7 +42,7 @@ Message = tuple[float, Add]
 
 
 @dataclass
-class Told:
+class Assessment:
     """What an estimator told while it was fed."""
 
     estimator: Estimator
@@ -86,10 +86,10 @@ def messages(recording: Recording) -> Iterator[Message]:
         yield t, measured(n)
 
 
-def feed(recording: Recording, arriving: Iterable[Message], model: Model | None = None) -> Told:
+def feed(recording: Recording, arriving: Iterable[Message], model: Parameters | None = None) -> Assessment:
     """Messages in the order in which they come; a look every tenth of a second, and one when all is long over."""
     estimator = Estimator(recording.users, REFERENCE, model)
-    told = Told(estimator)
+    told = Assessment(estimator)
     in_order = sorted(arriving, key=lambda message: message[0])
     ticks = TICK * np.arange(np.ceil(in_order[0][0] / TICK) + 1, np.floor(in_order[-1][0] / TICK) + 1)
     rest = iter(in_order)
@@ -108,7 +108,7 @@ def simulated(scene: Scene) -> Simulation:
 
 
 @cache
-def walked(scene: Scene, model: Model | None = None) -> Told:
+def walked(scene: Scene, model: Parameters | None = None) -> Assessment:
     recording = simulated(scene).recording
     return feed(recording, messages(recording), model)
 
@@ -118,7 +118,7 @@ def true_frame(simulation: Simulation, name: str) -> YawFrame:
     return common_from_world(simulation, REFERENCE) @ simulation.world_from_user[name]
 
 
-def errors(told: Told, simulation: Simulation) -> Array:
+def errors(told: Assessment, simulation: Simulation) -> Array:
     """(k - 1, 4) x, y, z (m), yaw (rad) at the last poses of all but the reference: what was found minus the truth."""
     out = []
     for u, user in enumerate(simulation.recording.users[1:], 1):
@@ -129,7 +129,7 @@ def errors(told: Told, simulation: Simulation) -> Array:
     return np.array(out)
 
 
-def sigmas(told: Told) -> Array:
+def sigmas(told: Assessment) -> Array:
     """(k - 1, 4) 1 sigma of all last poses but the reference's: x, y (both along the longer axis), z (m), yaw (rad)."""
     assert told.estimator.solution is not None
     covariances = told.estimator.solution.told.covariances[1:]
@@ -313,7 +313,7 @@ def test_two_groups_become_one_where_a_chain_of_ranges_ties_them() -> None:
     assert (np.abs(errors(told, simulation)) < 4.0 * sigmas(told)).all()
 
 
-def left() -> Told:
+def left() -> Assessment:
     """The last user ranges no more after 10 s; its SLAM goes on."""
     recording = simulated(CLEAN).recording
     r = recording.ranges
@@ -341,8 +341,8 @@ def test_who_leaves_does_not_hold_the_window_back() -> None:
 def test_what_is_kept_does_not_grow_with_the_walk() -> None:
     told = walked(replace(CLEAN, seconds=30.0), SHORT)
     registered = max(told.first(u, State.REGISTERED) for u in (1, 2))
-    settled = registered + SHORT.proven_duration + SHORT.window + 2.0 * A_SOLVE
-    poses, ranges = np.array([kept for kept, t in zip(told.kept, told.t, strict=True) if t > settled]).T
+    optimum = registered + SHORT.proven_duration + SHORT.window + 2.0 * A_SOLVE
+    poses, ranges = np.array([kept for kept, t in zip(told.kept, told.t, strict=True) if t > optimum]).T
     # The window, a second before it, the last solve at which it could begin, the one after, and what came since.
     seconds = SHORT.window + 1.0 + 3.0 * A_SOLVE
     assert len(poses) > 50
@@ -372,11 +372,11 @@ def test_once_all_are_known_each_solve_is_spread_over_many_updates() -> None:
     assert 15 < np.diff(at).min() <= np.diff(at).max() < 45
     solution = estimator.solution
     assert solution is not None
-    assert solution.graph.samples.t.max() < recording.ranges.t.max() - 0.2
+    assert solution.graph.measurements.t.max() < recording.ranges.t.max() - 0.2
     estimator.complete(float(recording.ranges.t.max()))
     solution = estimator.solution
     assert solution is not None
-    assert solution.graph.samples.t.max() > recording.ranges.t.max() - 0.1
+    assert solution.graph.measurements.t.max() > recording.ranges.t.max() - 0.1
 
 
 def test_a_short_window_ends_about_where_the_whole_does() -> None:
@@ -401,10 +401,10 @@ def test_a_jump_in_height_is_forgotten_with_the_window_that_held_it(name: str) -
     track = recording.tracks[name]
     track = replace(track, position=track.position + np.outer(track.t > 10.0, [0.0, 0.0, 0.5]))
     jumped = replace(recording, tracks={**recording.tracks, name: track})
-    told, smooth = feed(jumped, messages(jumped), SHORT), walked(scene, SHORT)
+    told, repaired = feed(jumped, messages(jumped), SHORT), walked(scene, SHORT)
     for u in range(3):
         heights = []
-        for run, of in ((told, jumped), (smooth, recording)):
+        for run, of in ((told, jumped), (repaired, recording)):
             frame = run.estimator.frame(u)
             assert frame is not None
             heights.append((frame @ of.tracks[f"phone{u}"].position[-1])[2])
@@ -419,7 +419,7 @@ def test_a_jump_in_height_is_forgotten_with_the_window_that_held_it(name: str) -
     [lambda: walked(NOISY), lambda: walked(CLEAN, SHORT), lambda: walked(JOINING, SHORT), left],
     ids=["noisy", "windowed", "joining", "leaving"],
 )
-def test_every_change_of_state_is_an_event_and_nothing_else_is(run: Callable[[], Told]) -> None:
+def test_every_change_of_state_is_an_event_and_nothing_else_is(run: Callable[[], Assessment]) -> None:
     told = run()
     users = told.estimator.users
     before = [State.REGISTERED] + [State.DISCONNECTED] * (len(users) - 1)
@@ -436,7 +436,7 @@ def test_every_change_of_state_is_an_event_and_nothing_else_is(run: Callable[[],
 @pytest.mark.parametrize(
     "run", [lambda: walked(NOISY), lambda: walked(JOINING, SHORT), left], ids=["noisy", "joining", "leaving"]
 )
-def test_whoever_is_registered_has_a_frame(run: Callable[[], Told]) -> None:
+def test_whoever_is_registered_has_a_frame(run: Callable[[], Assessment]) -> None:
     told = run()
     for states, frames in zip(told.states, told.frames, strict=True):
         for state, frame in zip(states[1:], frames[1:], strict=True):

@@ -16,13 +16,13 @@ USERS = (User("alice", antennas={"left": (0.1, 0.0, 0.0)}), User("bob"), User("p
 EVER = np.full(3, -np.inf)
 AS_IT_IS = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
 FLAT = np.zeros(3)
-LEVEL = (0.0, 0.0, 0.0, 1.0)
+MEAN_HEIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 def walk(stream: Stream, user: str, stamps: list[float], speed: float = 1.0) -> None:
     """Along x from the origin."""
     for t in stamps:
-        stream.add_pose(user, t, (speed * t, 0.0, 0.0), LEVEL)
+        stream.add_pose(user, t, (speed * t, 0.0, 0.0), MEAN_HEIGHT)
 
 
 def everything(stream: Stream) -> Stretch:
@@ -51,7 +51,7 @@ def test_poses_that_come_out_of_order_are_read_by_time() -> None:
 def test_of_two_poses_with_one_stamp_the_first_that_came_counts() -> None:
     stream = Stream(USERS)
     walk(stream, "alice", [0.0, 0.2])
-    stream.add_pose("alice", 0.1, (5.0, 0.0, 0.0), LEVEL)
+    stream.add_pose("alice", 0.1, (5.0, 0.0, 0.0), MEAN_HEIGHT)
     walk(stream, "alice", [0.1, 0.0])
     np.testing.assert_array_equal(everything(stream).recording.tracks["alice"].position[:, 0], [0.0, 5.0, 0.2])
     assert stream.faults == 0
@@ -66,13 +66,13 @@ def test_an_attitude_need_not_be_of_unit_length() -> None:
 @pytest.mark.parametrize(
     "pose",
     [
-        ("nobody", 0.0, (0.0, 0.0, 0.0), LEVEL),
-        ("post", 0.0, (0.0, 0.0, 0.0), LEVEL),
-        ("alice", np.nan, (0.0, 0.0, 0.0), LEVEL),
-        ("alice", 0.0, (0.0, np.inf, 0.0), LEVEL),
+        ("nobody", 0.0, (0.0, 0.0, 0.0), MEAN_HEIGHT),
+        ("post", 0.0, (0.0, 0.0, 0.0), MEAN_HEIGHT),
+        ("alice", np.nan, (0.0, 0.0, 0.0), MEAN_HEIGHT),
+        ("alice", 0.0, (0.0, np.inf, 0.0), MEAN_HEIGHT),
         ("alice", 0.0, (0.0, 0.0, 0.0), (0.0, np.nan, 0.0, 1.0)),
         ("alice", 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
-        ("alice", 0.0, (0.0, 0.0), LEVEL),
+        ("alice", 0.0, (0.0, 0.0), MEAN_HEIGHT),
     ],
 )
 def test_a_pose_that_is_none_is_a_fault_and_left_out(pose: Any) -> None:
@@ -96,7 +96,7 @@ def test_the_last_pose_is_the_latest_whenever_it_came() -> None:
     stream = Stream(USERS)
     assert stream.last_pose(0) is None
     walk(stream, "alice", [0.1, 0.3, 0.2])
-    np.testing.assert_array_equal(stream.last_pose(0), [0.3, 0.3, 0.0, 0.0, *LEVEL])
+    np.testing.assert_array_equal(stream.last_pose(0), [0.3, 0.3, 0.0, 0.0, *MEAN_HEIGHT])
     assert stream.last_pose(1) is None
 
 
@@ -207,7 +207,7 @@ def test_who_has_no_pose_has_one_long_ago() -> None:
 def test_a_quarter_turn_of_the_axes_turns_a_track_about_its_first_pose() -> None:
     stream = Stream(USERS)
     for t, x, y, z in ((0.0, 7.0, 7.0, 7.0), (0.1, 1.0, 2.0, 3.0), (0.2, 2.0, 2.0, 3.0), (0.3, 2.0, 5.0, 3.5)):
-        stream.add_pose("alice", t, (x, y, z), LEVEL)
+        stream.add_pose("alice", t, (x, y, z), MEAN_HEIGHT)
     axes = AS_IT_IS.copy()
     axes[0] = 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)
     stretch = stream.stretch(np.array([0.1, 0.0, 0.0]), axes, FLAT)
@@ -303,7 +303,7 @@ def test_any_order_of_the_same_data_gives_the_same_stretch(order: list[Add], loo
             stream.last_pose(0)
             everything(stream)
     begins = np.array([begin, 0.3, -np.inf])
-    found, expected = stream.stretch(begins, AS_IT_IS, FLAT), sorted_stream.stretch(begins, AS_IT_IS, LEVEL)
+    found, expected = stream.stretch(begins, AS_IT_IS, FLAT), sorted_stream.stretch(begins, AS_IT_IS, MEAN_HEIGHT)
     for name, track in expected.recording.tracks.items():
         np.testing.assert_array_equal(found.recording.tracks[name].t, track.t)
         np.testing.assert_array_equal(found.recording.tracks[name].position, track.position)

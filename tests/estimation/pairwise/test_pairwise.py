@@ -21,7 +21,7 @@ from synchronizar.estimation.pairwise import solve as pairwise_solve
 from synchronizar.estimation.pairwise.register import pair_samples, register_pairwise
 from synchronizar.estimation.pairwise.solve import LARGEST_HEIGHT, solve_general, solve_reduced
 from synchronizar.geometry import YawFrame, wrap_angle
-from synchronizar.parameters import Model
+from synchronizar.parameters import Parameters
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
@@ -158,7 +158,7 @@ def test_the_newest_range_is_paired_with_the_average_of_the_newest_positions() -
         distance=np.array([1.0, 2.0, 3.0, 4.0]),
     )
     recording = Recording((User("a"), User("b")), {"a": moving, "b": moving}, ranges)
-    samples = pair_samples(recording, Model())[0, 1]
+    samples = pair_samples(recording, Parameters())[0, 1]
     assert samples.row.tolist() == [1, 2]  # at 0.9 nobody was anywhere
     assert samples.distance.tolist() == [2.0, 3.0]
     np.testing.assert_allclose(
@@ -176,7 +176,7 @@ def test_the_lever_of_the_antenna_that_measured_is_added() -> None:
     ends = np.zeros(3, dtype=np.int32), np.ones(3, dtype=np.int32)
     ranges = Ranges.of(when, *ends, np.ones(3), antenna_a=np.zeros(3, dtype=np.int32))
     users = User("a", antennas={"0": (0.3, 0.0, 0.0)}), User("b")
-    samples = pair_samples(Recording(users, {"a": turning, "b": turning}, ranges), Model())[0, 1]
+    samples = pair_samples(Recording(users, {"a": turning, "b": turning}, ranges), Parameters())[0, 1]
     np.testing.assert_allclose(samples.p_i, [[0.0, 0.3, 0.0], [-0.3, 0.0, 0.0], [0.0, -0.3, 0.0]], atol=1e-6)
     np.testing.assert_allclose(samples.p_j, 0.0)
 

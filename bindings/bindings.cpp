@@ -15,9 +15,9 @@
 #include <tuple>
 #include <utility>
 
-#include "factors/device_block.h"
+#include "factors/calibrated_range_block.h"
 #include "factors/height_search.h"
-#include "factors/late_bursts.h"
+#include "factors/nlos_bursts.h"
 #include "factors/placement_search.h"
 #include "factors/range_block.h"
 
@@ -32,14 +32,14 @@ void require(bool good, const char* fault) {
 }
 
 void check_ranges(const Points& i, const Points& j, const Column& measured, const Column& sigma,
-                  const Column& late_odds) {
+                  const Column& nlos_odds) {
   const auto n = measured.size();
   require(n > 0, "at least one range is needed");
   require(i.rows() == n && j.rows() == n, "antenna positions must be (n, 3), one row a range");
-  require(sigma.size() == n && late_odds.size() == n, "sigma and late_odds must be (n,)");
+  require(sigma.size() == n && nlos_odds.size() == n, "sigma and nlos_odds must be (n,)");
   require(i.allFinite() && j.allFinite() && measured.allFinite(), "positions and distances must be finite");
   require((sigma.array() > 0.0).all() && sigma.allFinite(), "sigma must be positive");
-  require((late_odds.array() >= 0.0).all() && late_odds.allFinite(), "late_odds must not be negative");
+  require((nlos_odds.array() >= 0.0).all() && nlos_odds.allFinite(), "nlos_odds must not be negative");
 }
 
 double positive(double parameter) {
@@ -56,11 +56,11 @@ template <class Kind>
 void bind_loss(nb::class_<Kind>& loss) {
   loss.def(
       "__call__",
-      [](const Kind& kind, double e, double sigma, double late_odds) {
-        const LossValue value = kind(e, {sigma, late_odds});
+      [](const Kind& kind, double e, double sigma, double nlos_odds) {
+        const LossValue value = kind(e, {sigma, nlos_odds});
         return std::tuple(value.rho, value.weight, value.curvature);
       },
-      "e"_a, "sigma"_a = 1.0, "late_odds"_a = 0.0,
+      "e"_a, "sigma"_a = 1.0, "nlos_odds"_a = 0.0,
       "(rho, weight, curvature) of a whitened residual e = (predicted - measured) / sigma");
 }
 
@@ -86,25 +86,25 @@ NB_MODULE(_core, m) {
   geman_mcclure.def(nb::new_([](double k) { return GemanMcClure{positive(k)}; }), "k"_a = GemanMcClure{}.k)
       .def_ro("k", &GemanMcClure::k);
   bind_loss(geman_mcclure);
-  nb::class_<Late> late(m, "Late");
-  late.def(nb::new_([](double scale, double early_odds) {
+  nb::class_<NlosMixture> nlos(m, "NlosMixture");
+  nlos.def(nb::new_([](double scale, double early_odds) {
              require(early_odds >= 0.0, "early_odds must not be negative");
-             return Late{positive(scale), early_odds};
+             return NlosMixture{positive(scale), early_odds};
            }),
            "scale"_a, "early_odds"_a)
-      .def_ro("scale", &Late::scale)
-      .def_ro("early_odds", &Late::early_odds);
-  bind_loss(late);
+      .def_ro("scale", &NlosMixture::scale)
+      .def_ro("early_odds", &NlosMixture::early_odds);
+  bind_loss(nlos);
 
   nb::class_<RangeBlock>(m, "RangeBlock")
       .def(
           "__init__",
           [](RangeBlock* self, const Points& o_i, const Points& o_j, const Column& measured,
-             const Column& sigma, const Column& late_odds) {
-            check_ranges(o_i, o_j, measured, sigma, late_odds);
-            new (self) RangeBlock(o_i, o_j, measured, sigma, late_odds);
+             const Column& sigma, const Column& nlos_odds) {
+            check_ranges(o_i, o_j, measured, sigma, nlos_odds);
+            new (self) RangeBlock(o_i, o_j, measured, sigma, nlos_odds);
           },
-          "o_i"_a, "o_j"_a, "measured"_a, "sigma"_a, "late_odds"_a)
+          "o_i"_a, "o_j"_a, "measured"_a, "sigma"_a, "nlos_odds"_a)
       .def("__len__", &RangeBlock::size)
       .def("residuals", &RangeBlock::residuals, "i"_a, "j"_a)
       .def(
@@ -118,9 +118,9 @@ NB_MODULE(_core, m) {
              double annealing) { return self.square_root(i, j, make_loss(loss, annealing)); },
           "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
       .def(
-          "height_bending",
+          "height_curvature",
           [](const RangeBlock& self, const UserPose& i, const UserPose& j, const LossKind& loss,
-             double annealing) { return self.height_bending(i, j, make_loss(loss, annealing)); },
+             double annealing) { return self.height_curvature(i, j, make_loss(loss, annealing)); },
           "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
       .def(
           "weights",
@@ -128,88 +128,95 @@ NB_MODULE(_core, m) {
              double annealing) { return self.weights(i, j, make_loss(loss, annealing)); },
           "i"_a, "j"_a, "loss"_a, "annealing"_a = 1.0)
       .def(
-          "with_late_odds",
-          [](const RangeBlock& self, const Column& late_odds) {
-            require(late_odds.size() == self.size(), "late_odds must be (n,)");
-            require((late_odds.array() >= 0.0).all() && late_odds.allFinite(),
-                    "late_odds must not be negative");
-            return self.with_late_odds(late_odds);
+          "with_nlos_odds",
+          [](const RangeBlock& self, const Column& nlos_odds) {
+            require(nlos_odds.size() == self.size(), "nlos_odds must be (n,)");
+            require((nlos_odds.array() >= 0.0).all() && nlos_odds.allFinite(),
+                    "nlos_odds must not be negative");
+            return self.with_nlos_odds(nlos_odds);
           },
-          "late_odds"_a)
-      .def("honest", &RangeBlock::honest, "i"_a, "j"_a, "loss"_a);
+          "nlos_odds"_a)
+      .def("inlier_probability", &RangeBlock::inlier_probability, "i"_a, "j"_a, "loss"_a);
 
-  nb::class_<Device>(m, "Device")
+  nb::class_<Calibration>(m, "Calibration")
       .def(nb::init<double, double, double>(), "log_scale"_a = 0.0, "range_bias"_a = 0.0,
            "clock_offset"_a = 0.0);
 
-  nb::class_<DeviceBlock>(m, "DeviceBlock")
+  nb::class_<CalibratedRangeBlock>(m, "CalibratedRangeBlock")
       .def(
           "__init__",
-          [](DeviceBlock* self, const std::array<Points, 3>& i, const std::array<Points, 3>& j,
-             const Column& measured, const Column& sigma, const Column& late_odds, const Column& worth) {
-            check_ranges(i[0], j[0], measured, sigma, late_odds);
-            require(worth.size() == measured.size() && (worth.array() > 0.0).all() && worth.allFinite(),
-                    "worth must be (n,) and positive");
+          [](CalibratedRangeBlock* self, const std::array<Points, 3>& i, const std::array<Points, 3>& j,
+             const Column& measured, const Column& sigma, const Column& nlos_odds,
+             const Column& range_weight) {
+            check_ranges(i[0], j[0], measured, sigma, nlos_odds);
+            require(range_weight.size() == measured.size() && (range_weight.array() > 0.0).all() &&
+                        range_weight.allFinite(),
+                    "range_weight must be (n,) and positive");
             for (const auto* end : {&i, &j}) {
               require((*end)[1].rows() == measured.size() && (*end)[2].rows() == measured.size(),
                       "levers and velocities must be (n, 3), one row a range");
               require((*end)[1].allFinite() && (*end)[2].allFinite(), "levers and velocities must be finite");
             }
-            new (self) DeviceBlock({i[0], i[1], i[2]}, {j[0], j[1], j[2]}, measured, sigma, late_odds, worth);
+            new (self) CalibratedRangeBlock({i[0], i[1], i[2]}, {j[0], j[1], j[2]}, measured, sigma,
+                                            nlos_odds, range_weight);
           },
-          "i"_a, "j"_a, "measured"_a, "sigma"_a, "late_odds"_a, "worth"_a)
-      .def("__len__", &DeviceBlock::size)
-      .def("residuals", &DeviceBlock::residuals, "pose_i"_a, "device_i"_a, "pose_j"_a, "device_j"_a)
+          "i"_a, "j"_a, "measured"_a, "sigma"_a, "nlos_odds"_a, "range_weight"_a)
+      .def("__len__", &CalibratedRangeBlock::size)
+      .def("residuals", &CalibratedRangeBlock::residuals, "pose_i"_a, "calibration_i"_a, "pose_j"_a,
+           "calibration_j"_a)
       .def(
           "cost",
-          [](const DeviceBlock& self, const UserPose& i, const Device& device_i, const UserPose& j,
-             const Device& device_j, const LossKind& loss,
-             double annealing) { return self.cost(i, device_i, j, device_j, make_loss(loss, annealing)); },
-          "pose_i"_a, "device_i"_a, "pose_j"_a, "device_j"_a, "loss"_a, "annealing"_a = 1.0)
+          [](const CalibratedRangeBlock& self, const UserPose& i, const Calibration& calibration_i,
+             const UserPose& j, const Calibration& calibration_j, const LossKind& loss, double annealing) {
+            return self.cost(i, calibration_i, j, calibration_j, make_loss(loss, annealing));
+          },
+          "pose_i"_a, "calibration_i"_a, "pose_j"_a, "calibration_j"_a, "loss"_a, "annealing"_a = 1.0)
       .def(
           "square_root",
-          [](const DeviceBlock& self, const UserPose& i, const Device& device_i, const UserPose& j,
-             const Device& device_j, const LossKind& loss, double annealing, std::optional<double> bending) {
-            return self.square_root(i, device_i, j, device_j, make_loss(loss, annealing), bending);
+          [](const CalibratedRangeBlock& self, const UserPose& i, const Calibration& calibration_i,
+             const UserPose& j, const Calibration& calibration_j, const LossKind& loss, double annealing,
+             std::optional<double> height_curvature) {
+            return self.square_root(i, calibration_i, j, calibration_j, make_loss(loss, annealing),
+                                    height_curvature);
           },
-          "pose_i"_a, "device_i"_a, "pose_j"_a, "device_j"_a, "loss"_a, "annealing"_a = 1.0,
-          "bending"_a = nb::none());
+          "pose_i"_a, "calibration_i"_a, "pose_j"_a, "calibration_j"_a, "loss"_a, "annealing"_a = 1.0,
+          "height_curvature"_a = nb::none());
 
   m.def(
-      "judge",
-      [](const Column& whitened, const Column& sigma, const Column& late_odds, const Late& loss) {
+      "mixture_terms",
+      [](const Column& whitened, const Column& sigma, const Column& nlos_odds, const NlosMixture& loss) {
         const auto n = whitened.size();
-        require(sigma.size() == n && late_odds.size() == n, "all columns must be (n,)");
-        Column rho(n), weight(n), honest(n);
+        require(sigma.size() == n && nlos_odds.size() == n, "all columns must be (n,)");
+        Column rho(n), weight(n), inlier(n);
         for (Eigen::Index k = 0; k < n; ++k) {
-          const RangeTraits range{sigma[k], late_odds[k]};
+          const RangeTraits range{sigma[k], nlos_odds[k]};
           const LossValue value = loss(whitened[k], range);
           rho[k] = value.rho;
           weight[k] = value.weight;
-          honest[k] = loss.honest(whitened[k], range);
+          inlier[k] = loss.inlier_probability(whitened[k], range);
         }
-        return std::tuple(rho, weight, honest);
+        return std::tuple(rho, weight, inlier);
       },
-      "whitened"_a, "sigma"_a, "late_odds"_a, "loss"_a);
+      "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a);
 
   m.def(
-      "judge_bursts",
-      [](const Column& t, const Column& whitened, const Column& sigma, const Column& late_odds,
-         const Late& loss, double share, double mean_duration) {
+      "burst_nlos_odds",
+      [](const Column& t, const Column& whitened, const Column& sigma, const Column& nlos_odds,
+         const NlosMixture& loss, double share, double mean_duration) {
         const auto n = t.size();
-        require(whitened.size() == n && sigma.size() == n && late_odds.size() == n,
+        require(whitened.size() == n && sigma.size() == n && nlos_odds.size() == n,
                 "all columns must be (n,)");
-        require(whitened.allFinite() && late_odds.allFinite() && (late_odds.array() >= 0.0).all(),
+        require(whitened.allFinite() && nlos_odds.allFinite() && (nlos_odds.array() >= 0.0).all(),
                 "residuals must be finite, odds not negative");
         require((sigma.array() > 0.0).all() && sigma.allFinite(), "sigma must be positive");
         require(std::is_sorted(t.begin(), t.end()) && t.allFinite(), "t must be finite and sorted");
         require(0.0 < share && share < 1.0 && mean_duration > 0.0,
                 "share must be in (0, 1), mean_duration positive");
-        const ChainVerdict verdict =
-            judge_bursts(t, whitened, sigma, late_odds, loss, {share, mean_duration});
-        return std::pair(verdict.late_odds, verdict.cost);
+        const BurstOdds verdict =
+            burst_nlos_odds(t, whitened, sigma, nlos_odds, loss, {share, mean_duration});
+        return std::pair(verdict.nlos_odds, verdict.cost);
       },
-      "t"_a, "whitened"_a, "sigma"_a, "late_odds"_a, "loss"_a, "share"_a, "mean_duration"_a);
+      "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "share"_a, "mean_duration"_a);
 
   m.def(
       "search_heights",
@@ -253,14 +260,14 @@ NB_MODULE(_core, m) {
   m.def(
       "search_placements",
       [](const Points& known, const Points& own, const Column& measured, const Column& sigma,
-         const Column& late_odds, double height_sigma, bool has_yaw, const Late& loss, double apart,
+         const Column& nlos_odds, double height_sigma, bool has_yaw, const NlosMixture& loss, double apart,
          int most_candidates, int most_ranges, double most_cost_above) {
-        check_ranges(known, own, measured, sigma, late_odds);
+        check_ranges(known, own, measured, sigma, nlos_odds);
         require(height_sigma > 0.0, "height_sigma must be positive");
         require(apart >= 0.0 && most_cost_above >= 0.0, "apart and most_cost_above must not be negative");
         require(most_candidates > 0 && most_ranges > 0, "most_candidates and most_ranges must be positive");
         const auto found = search_placements(
-            known, own, measured, sigma, late_odds,
+            known, own, measured, sigma, nlos_odds,
             {height_sigma, has_yaw, loss, apart, most_candidates, most_ranges, most_cost_above});
         Eigen::Matrix<double, Eigen::Dynamic, 5, Eigen::RowMajor> out(static_cast<Eigen::Index>(found.size()),
                                                                       5);
@@ -270,6 +277,6 @@ NB_MODULE(_core, m) {
         }
         return out;
       },
-      "known"_a, "own"_a, "measured"_a, "sigma"_a, "late_odds"_a, "height_sigma"_a, "has_yaw"_a, "loss"_a,
+      "known"_a, "own"_a, "measured"_a, "sigma"_a, "nlos_odds"_a, "height_sigma"_a, "has_yaw"_a, "loss"_a,
       "apart"_a, "most_candidates"_a, "most_ranges"_a, "most_cost_above"_a);
 }

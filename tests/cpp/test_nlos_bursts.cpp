@@ -1,34 +1,34 @@
-#include "factors/late_bursts.h"
+#include "factors/nlos_bursts.h"
 #include "tests/cpp/check.h"
 
 using namespace synchronizar;
 
 namespace {
 
-const Late kLoss{1.0, 0.002};
+const NlosMixture kLoss{1.0, 0.002};
 const Bursts kBursts{0.1, 1.0};
 constexpr double kTypicalOdds = 0.1 / 0.9;
 constexpr double kSigma = 0.1;
 
-ChainVerdict judge(const Column& whitened, double dt) {
+BurstOdds judge(const Column& whitened, double dt) {
   const Eigen::Index n = whitened.size();
   const Column t = Column::LinSpaced(n, 0.0, dt * static_cast<double>(n - 1));
-  return judge_bursts(t, whitened, Column::Constant(n, kSigma), Column::Constant(n, kTypicalOdds), kLoss,
-                      kBursts);
+  return burst_nlos_odds(t, whitened, Column::Constant(n, kSigma), Column::Constant(n, kTypicalOdds), kLoss,
+                         kBursts);
 }
 
 // The probability that the loss gives range k with the odds that the chain speaks for.
-double late(const ChainVerdict& verdict, const Column& whitened, Eigen::Index k) {
-  return 1.0 - kLoss.honest(whitened[k], {kSigma, verdict.late_odds[k]});
+double nlos(const BurstOdds& verdict, const Column& whitened, Eigen::Index k) {
+  return 1.0 - kLoss.inlier_probability(whitened[k], {kSigma, verdict.nlos_odds[k]});
 }
 
 void a_burst_among_clean_ranges_is_found() {
   Column e = Column::Constant(60, -0.2);
   e.segment(25, 10).setConstant(-4.0);
-  const ChainVerdict verdict = judge(e, 0.1);
+  const BurstOdds verdict = judge(e, 0.1);
   for (Eigen::Index k = 0; k < 60; ++k) {
     const bool in_burst = k >= 25 && k < 35;
-    CHECK(in_burst == (late(verdict, e, k) > 0.5));
+    CHECK(in_burst == (nlos(verdict, e, k) > 0.5));
   }
 }
 
@@ -36,21 +36,21 @@ void a_range_is_more_suspect_inside_a_burst_than_among_honest_neighbours() {
   Column lone = Column::Zero(41), inside = Column::Zero(41);
   inside.segment(15, 11).setConstant(-4.0);
   lone[20] = inside[20] = -2.5;
-  CHECK(late(judge(lone, 0.1), lone, 20) < 0.4);
-  CHECK(late(judge(inside, 0.1), inside, 20) > 0.9);
+  CHECK(nlos(judge(lone, 0.1), lone, 20) < 0.4);
+  CHECK(nlos(judge(inside, 0.1), inside, 20) > 0.9);
 }
 
 void ranges_that_lie_long_apart_do_not_speak_for_each_other() {
   const Column pair = Column::Constant(2, -2.5), one = Column::Constant(1, -2.5);
-  const double alone = late(judge(one, 1.0), one, 0);
-  CHECK_NEAR(late(judge(pair, 1e6), pair, 0), alone, 1e-4);
-  CHECK(late(judge(pair, 0.1), pair, 0) > alone + 0.05);
+  const double alone = nlos(judge(one, 1.0), one, 0);
+  CHECK_NEAR(nlos(judge(pair, 1e6), pair, 0), alone, 1e-4);
+  CHECK(nlos(judge(pair, 0.1), pair, 0) > alone + 0.05);
   CHECK_NEAR(judge(pair, 1e6).cost, 2.0 * judge(one, 1.0).cost, 1e-4);
 }
 
 void a_chain_of_nothing_costs_nothing() {
-  const ChainVerdict verdict = judge_bursts(Column(0), Column(0), Column(0), Column(0), kLoss, kBursts);
-  CHECK(verdict.late_odds.size() == 0);
+  const BurstOdds verdict = burst_nlos_odds(Column(0), Column(0), Column(0), Column(0), kLoss, kBursts);
+  CHECK(verdict.nlos_odds.size() == 0);
   CHECK_NEAR(verdict.cost, 0.0, 0.0);
 }
 
@@ -58,20 +58,20 @@ void a_chain_of_any_length_stays_finite() {
   for (const double e : {0.0, -2.0, -40.0, 40.0}) {
     const Eigen::Index n = 200000;
     const Column whitened = Column::Constant(n, e);
-    const ChainVerdict verdict = judge(whitened, 0.01);
-    CHECK(verdict.late_odds.allFinite());
+    const BurstOdds verdict = judge(whitened, 0.01);
+    CHECK(verdict.nlos_odds.allFinite());
     CHECK(std::isfinite(verdict.cost));
-    CHECK_NEAR(verdict.late_odds[n / 2] / verdict.late_odds[n / 2 + 100], 1.0, 1e-3);
+    CHECK_NEAR(verdict.nlos_odds[n / 2] / verdict.nlos_odds[n / 2 + 100], 1.0, 1e-3);
   }
 }
 
 void ranges_of_one_moment_that_are_all_late_by_far_give_numbers() {
   for (const double e : {-10.0, -40.0, -1000.0}) {
     const Column whitened = Column::Constant(20, e);
-    const ChainVerdict verdict = judge(whitened, 0.0);
-    CHECK(verdict.late_odds.allFinite());
+    const BurstOdds verdict = judge(whitened, 0.0);
+    CHECK(verdict.nlos_odds.allFinite());
     CHECK(std::isfinite(verdict.cost));
-    for (Eigen::Index k = 0; k < 20; ++k) CHECK(late(verdict, whitened, k) > 0.99);
+    for (Eigen::Index k = 0; k < 20; ++k) CHECK(nlos(verdict, whitened, k) > 0.99);
   }
 }
 
@@ -79,7 +79,7 @@ void neighbours_say_no_less_of_a_range_that_is_later_still() {
   for (const double e : {-4.0, -7.0, -10.0, -20.0, -50.0}) {
     Column whitened = Column::Zero(31);
     whitened.segment(10, 11).setConstant(e);
-    CHECK(judge(whitened, 0.1).late_odds[15] > 1.0);
+    CHECK(judge(whitened, 0.1).nlos_odds[15] > 1.0);
   }
 }
 

@@ -21,7 +21,7 @@
 
 namespace synchronizar {
 
-struct Device {
+struct Calibration {
   double log_scale = 0.0;
   double range_bias = 0.0;    // m
   double clock_offset = 0.0;  // s, beyond what was assumed when offset, lever and velocity were read
@@ -35,12 +35,12 @@ struct Antenna {
 
 // Columns of one user: F (3), H (1), X (3), Z (1) and the device (3).
 constexpr int kDeviceColumns = 3;
-constexpr int kUserAndDeviceColumns = kUserColumns + kDeviceColumns;
+constexpr int kUserAndCalibrationColumns = kUserColumns + kDeviceColumns;
 
 // A user and its device made ready for many antennas.
-class CommonFromDevice {
+class CommonFromCalibrated {
  public:
-  CommonFromDevice(const UserPose& user, const Device& device)
+  CommonFromCalibrated(const UserPose& user, const Calibration& device)
       : scale_(std::exp(device.log_scale)),
         clock_offset_(device.clock_offset),
         local_(Vector3(user.local_x, user.local_y, user.local_height)),

@@ -9,9 +9,9 @@
 //   (mean_duration (1 - pi))
 //
 // The length of the detour is kept with probability `keeps_length` exp(-dt / mean_duration), or else drawn
-// anew from the half Cauchy of the loss Late, so that detours which have nothing to do with each other are no
-// surprise either. The forward and the backward recursion give the probability that each range is late, all
-// others considered.
+// anew from the half Cauchy of the loss NlosMixture, so that detours which have nothing to do with each other
+// are no surprise either. The forward and the backward recursion give the probability that each range is
+// late, all others considered.
 #pragma once
 
 #include "factors/loss.h"
@@ -24,16 +24,16 @@ struct Bursts {
   double mean_duration;  // s
 };
 
-struct ChainVerdict {
-  // The odds to put in place of each range's own `late_odds` in the loss Late: with them it finds the range
-  // late with the probability that the chain gives, at this residual.
-  Column late_odds;
+struct BurstOdds {
+  // The odds to put in place of each range's own `nlos_odds` in the loss NlosMixture: with them it finds the
+  // range late with the probability that the chain gives, at this residual.
+  Column nlos_odds;
   double cost;  // negative log likelihood of the whole chain; about 0 for honest ranges without residual
 };
 
-// `t` are the stamps (s), sorted; `whitened` the residuals (predicted - measured) / sigma; `late_odds` what
+// `t` are the stamps (s), sorted; `whitened` the residuals (predicted - measured) / sigma; `nlos_odds` what
 // is known of each range besides time and residual (from its power, say).
-ChainVerdict judge_bursts(const Column& t, const Column& whitened, const Column& sigma,
-                          const Column& late_odds, const Late& loss, const Bursts& bursts);
+BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column& sigma,
+                          const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts);
 
 }  // namespace synchronizar

@@ -1,4 +1,4 @@
-#include "factors/device_block.h"
+#include "factors/calibrated_range_block.h"
 
 #include <utility>
 
@@ -6,19 +6,19 @@
 
 namespace synchronizar {
 
-DeviceBlock::DeviceBlock(Antennas i, Antennas j, Column measured, Column sigma, Column late_odds,
-                         Column worth)
+CalibratedRangeBlock::CalibratedRangeBlock(Antennas i, Antennas j, Column measured, Column sigma,
+                                           Column nlos_odds, Column range_weight)
     : i_(std::move(i)),
       j_(std::move(j)),
       measured_(std::move(measured)),
       sigma_(std::move(sigma)),
-      late_odds_(std::move(late_odds)),
-      worth_(std::move(worth)) {}
+      nlos_odds_(std::move(nlos_odds)),
+      range_weight_(std::move(range_weight)) {}
 
-Column DeviceBlock::residuals(const UserPose& pose_i, const Device& device_i, const UserPose& pose_j,
-                              const Device& device_j) const {
-  const CommonFromDevice common_from_i(pose_i, device_i), common_from_j(pose_j, device_j);
-  const double bias = device_i.range_bias + device_j.range_bias;
+Column CalibratedRangeBlock::residuals(const UserPose& pose_i, const Calibration& calibration_i,
+                                       const UserPose& pose_j, const Calibration& calibration_j) const {
+  const CommonFromCalibrated common_from_i(pose_i, calibration_i), common_from_j(pose_j, calibration_j);
+  const double bias = calibration_i.range_bias + calibration_j.range_bias;
   Column out(size());
   for (Eigen::Index n = 0; n < size(); ++n) {
     out[n] = (common_from_i(i_.at(n)) - common_from_j(j_.at(n))).norm() + bias - measured_[n];
@@ -26,25 +26,26 @@ Column DeviceBlock::residuals(const UserPose& pose_i, const Device& device_i, co
   return out;
 }
 
-double DeviceBlock::cost(const UserPose& pose_i, const Device& device_i, const UserPose& pose_j,
-                         const Device& device_j, const Loss& loss) const {
-  const Column e = residuals(pose_i, device_i, pose_j, device_j).cwiseQuotient(sigma_);
+double CalibratedRangeBlock::cost(const UserPose& pose_i, const Calibration& calibration_i,
+                                  const UserPose& pose_j, const Calibration& calibration_j,
+                                  const Loss& loss) const {
+  const Column e = residuals(pose_i, calibration_i, pose_j, calibration_j).cwiseQuotient(sigma_);
   double sum = 0.0;
   std::visit(
       [&](const auto& kind) {
         for (Eigen::Index n = 0; n < size(); ++n) {
-          sum += worth_[n] * annealed(kind, loss.annealing, e[n], traits(n)).rho;
+          sum += range_weight_[n] * annealed(kind, loss.annealing, e[n], traits(n)).rho;
         }
       },
       loss.kind);
   return sum;
 }
 
-DeviceBlock::SquareRoot DeviceBlock::square_root(const UserPose& pose_i, const Device& device_i,
-                                                 const UserPose& pose_j, const Device& device_j,
-                                                 const Loss& loss, std::optional<double> bending) const {
-  const CommonFromDevice common_from_i(pose_i, device_i), common_from_j(pose_j, device_j);
-  const double bias = device_i.range_bias + device_j.range_bias;
+CalibratedRangeBlock::SquareRoot CalibratedRangeBlock::square_root(
+    const UserPose& pose_i, const Calibration& calibration_i, const UserPose& pose_j,
+    const Calibration& calibration_j, const Loss& loss, std::optional<double> height_curvature) const {
+  const CommonFromCalibrated common_from_i(pose_i, calibration_i), common_from_j(pose_j, calibration_j);
+  const double bias = calibration_i.range_bias + calibration_j.range_bias;
   Squeeze<kRows> rows;
   double bends = 0.0;
   std::visit(
@@ -66,12 +67,12 @@ DeviceBlock::SquareRoot DeviceBlock::square_root(const UserPose& pose_i, const D
           row[8] = -line.direction.dot(common_from_j.by_clock(a_j));
           row *= root / sigma_[n];
           row[9] = slope / root;
-          row *= std::sqrt(worth_[n]);
-          bends += worth_[n] * line.bending(slope / sigma_[n]);
+          row *= std::sqrt(range_weight_[n]);
+          bends += range_weight_[n] * line.height_curvature(slope / sigma_[n]);
         }
       },
       loss.kind);
-  if (bending) bends = *bending;
+  if (height_curvature) bends = *height_curvature;
   if (bends > 0.0) rows.next()[2] = std::sqrt(bends);
   const auto triangle = rows.triangle();
   SquareRoot out;
@@ -82,7 +83,7 @@ DeviceBlock::SquareRoot DeviceBlock::square_root(const UserPose& pose_i, const D
     out.col(column + kUserColumns + 2) = triangle.col(own + 1);  // clock
   };
   fill(0, common_from_i.line_to_columns(), 1.0, 5);
-  fill(kUserAndDeviceColumns, common_from_j.line_to_columns(), -1.0, 7);
+  fill(kUserAndCalibrationColumns, common_from_j.line_to_columns(), -1.0, 7);
   out.template rightCols<1>() = triangle.col(9);
   return out;
 }

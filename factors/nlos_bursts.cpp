@@ -1,4 +1,4 @@
-#include "factors/late_bursts.h"
+#include "factors/nlos_bursts.h"
 
 #include <algorithm>
 #include <cmath>
@@ -35,14 +35,14 @@ struct Ladder {
 };
 
 struct Emission {
-  float honest;
-  Lengths late;
+  float inlier;
+  Lengths nlos;
 };
 
 }  // namespace
 
-ChainVerdict judge_bursts(const Column& t, const Column& whitened, const Column& sigma,
-                          const Column& late_odds, const Late& loss, const Bursts& bursts) {
+BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column& sigma,
+                          const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
   static const Ladder ladder;
   const Eigen::Index n = t.size();
   const double share = bursts.share;
@@ -54,15 +54,15 @@ ChainVerdict judge_bursts(const Column& t, const Column& whitened, const Column&
     const double e = whitened[k], s = sigma[k] / loss.scale;
     Emission out;
     const double early = e > 0.0 ? loss.background(e, {sigma[k], 0.0}) / (1.0 + e * e * s * s) : 0.0;
-    out.honest = static_cast<float>(std::exp(-0.5 * e * e) + early + kLeast);
+    out.inlier = static_cast<float>(std::exp(-0.5 * e * e) + early + kLeast);
     const Lengths variance = ladder.variance / (s * s) + 1.0;
     const Lengths off = e + ladder.length / s;
-    out.late =
-        ((-0.5 * off.square() / variance).exp() / variance.sqrt() + kLeast) * (late_odds[k] / typical_odds);
+    out.nlos =
+        ((-0.5 * off.square() / variance).exp() / variance.sqrt() + kLeast) * (nlos_odds[k] / typical_odds);
     return out;
   };
   struct Step {
-    float keeps, to_late, keeps_length;
+    float keeps, to_nlos, keeps_length;
   };
   const auto step = [&](Eigen::Index k) {  // from range k - 1 to range k
     const double dt = t[k] - t[k - 1];
@@ -73,53 +73,53 @@ ChainVerdict judge_bursts(const Column& t, const Column& whitened, const Column&
 
   // Forward: what is expected of each range by those before it.
   Eigen::Array<float, 1 + kLengths, Eigen::Dynamic> ahead(1 + kLengths, n);
-  ChainVerdict out{Column(n), 0.0};
-  auto honest = static_cast<float>(1.0 - share);
-  Lengths late = static_cast<float>(share) * ladder.prior;
+  BurstOdds out{Column(n), 0.0};
+  auto inlier = static_cast<float>(1.0 - share);
+  Lengths nlos = static_cast<float>(share) * ladder.prior;
   for (Eigen::Index k = 0; k < n; ++k) {
     if (k > 0) {
       const Step s = step(k);
-      const float was_late = late.sum();
-      const float stays_late = (s.to_late + s.keeps) * was_late;
-      const float newly_late = s.to_late * honest;
-      honest = (1.0F - s.to_late) * honest + (1.0F - s.to_late - s.keeps) * was_late;
-      late = (s.to_late + s.keeps) * s.keeps_length * late +
-             ((1.0F - s.keeps_length) * stays_late + newly_late) * ladder.prior;
+      const float was_nlos = nlos.sum();
+      const float stays_nlos = (s.to_nlos + s.keeps) * was_nlos;
+      const float newly_nlos = s.to_nlos * inlier;
+      inlier = (1.0F - s.to_nlos) * inlier + (1.0F - s.to_nlos - s.keeps) * was_nlos;
+      nlos = (s.to_nlos + s.keeps) * s.keeps_length * nlos +
+             ((1.0F - s.keeps_length) * stays_nlos + newly_nlos) * ladder.prior;
     }
-    ahead(0, k) = honest;
-    ahead.col(k).tail<kLengths>() = late;
+    ahead(0, k) = inlier;
+    ahead.col(k).tail<kLengths>() = nlos;
     const Emission here = emission(k);
-    honest *= here.honest;
-    late *= here.late;
-    const float sum = honest + late.sum();
+    inlier *= here.inlier;
+    nlos *= here.nlos;
+    const float sum = inlier + nlos.sum();
     out.cost -= std::log(static_cast<double>(sum));
-    honest /= sum;
-    late /= sum;
+    inlier /= sum;
+    nlos /= sum;
   }
 
   // Backward: how likely those after a range are, given what it is.
-  float after_honest = 1.0F;
-  Lengths after_late = Lengths::Ones();
+  float after_inlier = 1.0F;
+  Lengths after_nlos = Lengths::Ones();
   for (Eigen::Index k = n - 1; k >= 0; --k) {
     const Emission here = emission(k);
     // What is honest by its neighbours alone: its own residual is for the loss to judge.
-    const double is_honest = static_cast<double>(ahead(0, k)) * after_honest;
-    const double is_late = (ahead.col(k).tail<kLengths>() * here.late * after_late).sum();
+    const double is_inlier = static_cast<double>(ahead(0, k)) * after_inlier;
+    const double is_nlos = (ahead.col(k).tail<kLengths>() * here.nlos * after_nlos).sum();
     const double s2 = std::pow(sigma[k] / loss.scale, 2), e = whitened[k];
-    const double late_by_loss = loss.background(-1.0, {sigma[k], 1.0}) / (1.0 + e * e * s2);
-    const double odds = is_late / std::max(is_honest, 1e-30) / late_by_loss;
-    out.late_odds[k] = std::clamp(odds, kLeast, 1.0 / kLeast);
+    const double nlos_by_loss = loss.background(-1.0, {sigma[k], 1.0}) / (1.0 + e * e * s2);
+    const double odds = is_nlos / std::max(is_inlier, 1e-30) / nlos_by_loss;
+    out.nlos_odds[k] = std::clamp(odds, kLeast, 1.0 / kLeast);
     if (k == 0) break;
     const Step s = step(k);
-    const float honest_next = here.honest * after_honest;
-    const Lengths late_next = here.late * after_late;
-    const float drawn = (ladder.prior * late_next).sum();
-    after_honest = (1.0F - s.to_late) * honest_next + s.to_late * drawn;
-    after_late = (1.0F - s.to_late - s.keeps) * honest_next +
-                 (s.to_late + s.keeps) * (s.keeps_length * late_next + (1.0F - s.keeps_length) * drawn);
-    const float largest = std::max(after_honest, after_late.maxCoeff());
-    after_honest /= largest;
-    after_late /= largest;
+    const float inlier_next = here.inlier * after_inlier;
+    const Lengths nlos_next = here.nlos * after_nlos;
+    const float drawn = (ladder.prior * nlos_next).sum();
+    after_inlier = (1.0F - s.to_nlos) * inlier_next + s.to_nlos * drawn;
+    after_nlos = (1.0F - s.to_nlos - s.keeps) * inlier_next +
+                 (s.to_nlos + s.keeps) * (s.keeps_length * nlos_next + (1.0F - s.keeps_length) * drawn);
+    const float largest = std::max(after_inlier, after_nlos.maxCoeff());
+    after_inlier /= largest;
+    after_nlos /= largest;
   }
   return out;
 }

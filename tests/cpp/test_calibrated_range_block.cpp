@@ -3,25 +3,25 @@
 #include <random>
 #include <utility>
 
-#include "factors/device_block.h"
+#include "factors/calibrated_range_block.h"
 #include "tests/cpp/check.h"
 
 using namespace synchronizar;
 
 namespace {
 
-constexpr int kColumns = 2 * kUserAndDeviceColumns;
+constexpr int kColumns = 2 * kUserAndCalibrationColumns;
 using Row = Eigen::Matrix<double, 1, kColumns>;
 using Square = Eigen::Matrix<double, kColumns, kColumns>;
 using Complex = std::complex<double>;
 using Delta = Eigen::Matrix<Complex, 1, kColumns>;
 
-const LossKind kLosses[] = {Squared{}, Huber{}, Cauchy{}, GemanMcClure{}, Late{1.0, 0.002}};
+const LossKind kLosses[] = {Squared{}, Huber{}, Cauchy{}, GemanMcClure{}, NlosMixture{1.0, 0.002}};
 
 // A user and its device.
 struct End {
   UserPose pose;
-  Device device;
+  Calibration device;
 };
 
 const End kI{{1.0, -2.0, 0.4, 0.3, 0.5, 1.5, -1.2, 0.1}, {0.2, 0.12, -0.15}};
@@ -49,9 +49,9 @@ Eigen::Matrix<Complex, 3, 1> antenna(const End& end, const Antenna& a, const Del
 
 // What is predicted of a range.
 Complex predicted(const End& i, const Antenna& a_i, const End& j, const Antenna& a_j, const Delta& d) {
-  const auto between = (antenna(i, a_i, d, 0) - antenna(j, a_j, d, kUserAndDeviceColumns)).eval();
+  const auto between = (antenna(i, a_i, d, 0) - antenna(j, a_j, d, kUserAndCalibrationColumns)).eval();
   const Complex squared = between.x() * between.x() + between.y() * between.y() + between.z() * between.z();
-  const Complex bias = i.device.range_bias + d[9] + j.device.range_bias + d[kUserAndDeviceColumns + 9];
+  const Complex bias = i.device.range_bias + d[9] + j.device.range_bias + d[kUserAndCalibrationColumns + 9];
   return std::sqrt(squared) + bias;
 }
 
@@ -81,18 +81,20 @@ struct Random {
 
 struct Ranges {
   Antennas i, j;
-  Column measured, sigma, late_odds, worth;
+  Column measured, sigma, nlos_odds, range_weight;
 
   explicit Ranges(int n)
       : i{Points(n, 3), Points(n, 3), Points(n, 3)},
         j{Points(n, 3), Points(n, 3), Points(n, 3)},
         measured(n),
         sigma(n),
-        late_odds(n),
-        worth(n) {}
+        nlos_odds(n),
+        range_weight(n) {}
 
   Eigen::Index size() const { return measured.size(); }
-  DeviceBlock block() const { return DeviceBlock(i, j, measured, sigma, late_odds, worth); }
+  CalibratedRangeBlock block() const {
+    return CalibratedRangeBlock(i, j, measured, sigma, nlos_odds, range_weight);
+  }
 
   void set(Eigen::Index n, const Antenna& a_i, const Antenna& a_j) {
     i.offset.row(n) = a_i.offset, i.lever.row(n) = a_i.lever, i.velocity.row(n) = a_i.velocity;
@@ -110,13 +112,13 @@ Ranges make_ranges(int n, double offset) {
     const double exact = predicted(kI, a_i, kJ, a_j, Delta::Zero()).real();
     out.measured[k] = exact + 0.1 * random.normal() + (k % 4 == 0 ? 1.0 : 0.0) + offset;
     out.sigma[k] = 0.1 + 0.05 * (k % 3);
-    out.late_odds[k] = 0.25;
-    out.worth[k] = 0.2 + 0.3 * (k % 5);
+    out.nlos_odds[k] = 0.25;
+    out.range_weight[k] = 0.2 + 0.3 * (k % 5);
   }
   return out;
 }
 
-DeviceBlock::SquareRoot square_root(const Ranges& ranges, const Loss& loss) {
+CalibratedRangeBlock::SquareRoot square_root(const Ranges& ranges, const Loss& loss) {
   return ranges.block().square_root(kI.pose, kI.device, kJ.pose, kJ.device, loss);
 }
 
@@ -126,32 +128,33 @@ double cost(const Ranges& ranges, const Loss& loss) {
 
 // What a block is the sum of, one range at a time.
 struct Sum {
-  double cost = 0.0, bending = 0.0;
+  double cost = 0.0, height_curvature = 0.0;
   Eigen::Matrix<double, kColumns, 1> gradient = Eigen::Matrix<double, kColumns, 1>::Zero();
   Square information = Square::Zero();
 
   Sum(const Ranges& ranges, const Loss& loss) {
     for (Eigen::Index k = 0; k < ranges.size(); ++k) {
       const Antenna a_i = ranges.i.at(k), a_j = ranges.j.at(k);
-      const double sigma = ranges.sigma[k], worth = ranges.worth[k];
+      const double sigma = ranges.sigma[k], range_weight = ranges.range_weight[k];
       const double e = (predicted(kI, a_i, kJ, a_j, Delta::Zero()).real() - ranges.measured[k]) / sigma;
-      const RangeTraits traits{sigma, ranges.late_odds[k]};
+      const RangeTraits traits{sigma, ranges.nlos_odds[k]};
       const LossValue value =
           std::visit([&](const auto& kind) { return annealed(kind, loss.annealing, e, traits); }, loss.kind);
       const Row row = numerical_row(kI, a_i, kJ, a_j) / sigma;
-      cost += worth * value.rho;
-      gradient += worth * value.weight * e * row.transpose();
-      information += worth * std::max(value.curvature, 0.1 * value.weight) * row.transpose() * row;
+      cost += range_weight * value.rho;
+      gradient += range_weight * value.weight * e * row.transpose();
+      information += range_weight * std::max(value.curvature, 0.1 * value.weight) * row.transpose() * row;
       const Vector3 between =
           (antenna(kI, a_i, Delta::Zero(), 0) - antenna(kJ, a_j, Delta::Zero(), 0)).real();
       const double level = between.head<2>().squaredNorm() / between.squaredNorm();
-      bending += worth * value.weight * e / sigma * level / between.norm();
+      height_curvature += range_weight * value.weight * e / sigma * level / between.norm();
     }
     // A height of a keyframe is in SLAM's lengths.
     Row up = Row::Zero();
     up[3] = 1.0, up[7] = std::exp(kI.device.log_scale);
-    up[kUserAndDeviceColumns + 3] = -1.0, up[kUserAndDeviceColumns + 7] = -std::exp(kJ.device.log_scale);
-    if (bending > 0.0) information += bending * up.transpose() * up;
+    up[kUserAndCalibrationColumns + 3] = -1.0,
+                                    up[kUserAndCalibrationColumns + 7] = -std::exp(kJ.device.log_scale);
+    if (height_curvature > 0.0) information += height_curvature * up.transpose() * up;
   }
 };
 
@@ -162,17 +165,18 @@ void a_residual_is_predicted_minus_measured() {
   // 21, 6.8).
   const double quarter = std::acos(0.0);
   const UserPose pose_i{10.0, 20.0, quarter, 5.0, 1.0, 0.0, quarter, 0.5}, pose_j{7.0, 24.0, 0.3, 2.8};
-  const Device device_i{std::log(2.0), 0.3, 0.5}, device_j{0.7, -0.1, -0.4};
+  const Calibration calibration_i{std::log(2.0), 0.3, 0.5}, calibration_j{0.7, -0.1, -0.4};
   Ranges one(1);
   one.set(0, {{1.0, 0.0, 0.25}, {0.0, 1.0, 0.1}, {2.0, 0.0, 0.4}},
           {Vector3::Zero(), Vector3::Zero(), Vector3::Zero()});
   one.measured[0] = 4.7;
   one.sigma[0] = 0.1;
-  one.late_odds[0] = 0.0;
-  one.worth[0] = 0.5;
+  one.nlos_odds[0] = 0.0;
+  one.range_weight[0] = 0.5;
   // 5 m apart, and the radios add 0.2 m.
-  CHECK_NEAR(one.block().residuals(pose_i, device_i, pose_j, device_j)[0], 0.5, 1e-12);
-  CHECK_NEAR(one.block().cost(pose_i, device_i, pose_j, device_j, {Squared{}}), 0.5 * 0.5 * 25.0, 1e-10);
+  CHECK_NEAR(one.block().residuals(pose_i, calibration_i, pose_j, calibration_j)[0], 0.5, 1e-12);
+  CHECK_NEAR(one.block().cost(pose_i, calibration_i, pose_j, calibration_j, {Squared{}}), 0.5 * 0.5 * 25.0,
+             1e-10);
 }
 
 void every_column_is_the_derivative_under_gtsams_retraction() {
@@ -184,8 +188,8 @@ void every_column_is_the_derivative_under_gtsams_retraction() {
     one.set(0, a_i, a_j);
     // Measured too long by one sigma, no height is bent, and the gradient of the cost is minus the row.
     one.measured[0] = predicted(i, a_i, j, a_j, Delta::Zero()).real() + 1.0;
-    one.sigma[0] = one.worth[0] = 1.0;
-    one.late_odds[0] = 0.0;
+    one.sigma[0] = one.range_weight[0] = 1.0;
+    one.nlos_odds[0] = 0.0;
     const auto root = one.block().square_root(i.pose, i.device, j.pose, j.device, {Squared{}});
     const Row expected = numerical_row(i, a_i, j, a_j);
     const Row row = -root.rightCols<1>().transpose() * root.leftCols<kColumns>();
@@ -203,7 +207,7 @@ void a_block_is_the_sum_of_its_ranges() {
           const Sum sum(ranges, loss);
           const double scale = sum.information.cwiseAbs().maxCoeff();
           CHECK_NEAR(cost(ranges, loss), sum.cost, 1e-11 * sum.cost);
-          const DeviceBlock::SquareRoot root = square_root(ranges, loss);
+          const CalibratedRangeBlock::SquareRoot root = square_root(ranges, loss);
           const auto A = root.leftCols<kColumns>();
           const auto b = root.rightCols<1>();
           CHECK_NEAR((A.transpose() * A - sum.information).cwiseAbs().maxCoeff(), 0.0, 1e-11 * scale);
@@ -215,17 +219,17 @@ void a_block_is_the_sum_of_its_ranges() {
 }
 
 void heights_are_bent_where_ranges_are_predicted_too_long_alone() {
-  CHECK(Sum(make_ranges(60, -0.5), {Squared{}}).bending > 0.0);
-  CHECK(Sum(make_ranges(60, 0.5), {Squared{}}).bending < 0.0);
+  CHECK(Sum(make_ranges(60, -0.5), {Squared{}}).height_curvature > 0.0);
+  CHECK(Sum(make_ranges(60, 0.5), {Squared{}}).height_curvature < 0.0);
 }
 
 void a_perfect_device_is_none() {
   Ranges ranges = make_ranges(60, 0.1);
   ranges.i.offset.setZero();
   ranges.j.offset.setZero();
-  ranges.worth.setOnes();
-  const RangeBlock plain(ranges.i.lever, ranges.j.lever, ranges.measured, ranges.sigma, ranges.late_odds);
-  const Device perfect;
+  ranges.range_weight.setOnes();
+  const RangeBlock plain(ranges.i.lever, ranges.j.lever, ranges.measured, ranges.sigma, ranges.nlos_odds);
+  const Calibration perfect;
   const Column residuals = ranges.block().residuals(kI.pose, perfect, kJ.pose, perfect);
   CHECK_NEAR((residuals - plain.residuals(kI.pose, kJ.pose)).cwiseAbs().maxCoeff(), 0.0, 1e-13);
   for (const LossKind& kind : kLosses) {
@@ -234,8 +238,8 @@ void a_perfect_device_is_none() {
     CHECK_NEAR(ranges.block().cost(kI.pose, perfect, kJ.pose, perfect, loss), expected, 1e-12 * expected);
     const auto device = ranges.block().square_root(kI.pose, perfect, kJ.pose, perfect, loss);
     const auto rigid = plain.square_root(kI.pose, kJ.pose, loss);
-    Eigen::Matrix<double, DeviceBlock::kRows, 2 * kUserColumns + 1> kept;
-    kept << device.leftCols<kUserColumns>(), device.middleCols<kUserColumns>(kUserAndDeviceColumns),
+    Eigen::Matrix<double, CalibratedRangeBlock::kRows, 2 * kUserColumns + 1> kept;
+    kept << device.leftCols<kUserColumns>(), device.middleCols<kUserColumns>(kUserAndCalibrationColumns),
         device.rightCols<1>();
     const auto found = (kept.transpose() * kept).eval();
     const auto wanted = (rigid.transpose() * rigid).eval();
@@ -247,13 +251,13 @@ void a_perfect_device_is_none() {
 void a_range_that_is_worth_two_is_two() {
   for (const double offset : {0.5, -0.5}) {
     Ranges once = make_ranges(40, offset), twice(80);
-    once.worth.setConstant(2.0);
+    once.range_weight.setConstant(2.0);
     for (Eigen::Index k = 0; k < 80; ++k) {
       twice.set(k, once.i.at(k / 2), once.j.at(k / 2));
       twice.measured[k] = once.measured[k / 2];
       twice.sigma[k] = once.sigma[k / 2];
-      twice.late_odds[k] = once.late_odds[k / 2];
-      twice.worth[k] = 1.0;
+      twice.nlos_odds[k] = once.nlos_odds[k / 2];
+      twice.range_weight[k] = 1.0;
     }
     for (const LossKind& kind : kLosses) {
       CHECK_NEAR(cost(once, {kind}), cost(twice, {kind}), 1e-12 * cost(twice, {kind}));
@@ -270,14 +274,14 @@ void antennas_that_coincide_tell_of_the_radios_alone() {
   const Antenna origin{Vector3::Zero(), Vector3::Zero(), Vector3(1.0, 0.0, 0.0)};
   one.set(0, origin, origin);
   one.measured[0] = 0.3;
-  one.sigma[0] = one.worth[0] = 1.0;
-  one.late_odds[0] = 0.25;
+  one.sigma[0] = one.range_weight[0] = 1.0;
+  one.nlos_odds[0] = 0.25;
   const UserPose pose;
-  const Device i{0.0, 0.1, 0.0}, j;
+  const Calibration i{0.0, 0.1, 0.0}, j;
   CHECK_NEAR(one.block().residuals(pose, i, pose, j)[0], -0.2, 1e-15);
   const auto root = one.block().square_root(pose, i, pose, j, {Squared{}});
   Row expected = Row::Zero();
-  expected[9] = expected[kUserAndDeviceColumns + 9] = -0.2;
+  expected[9] = expected[kUserAndCalibrationColumns + 9] = -0.2;
   const Row gradient = root.rightCols<1>().transpose() * root.leftCols<kColumns>();
   CHECK_NEAR((gradient - expected).cwiseAbs().maxCoeff(), 0.0, 1e-15);
 }
