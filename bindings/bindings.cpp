@@ -199,10 +199,20 @@ NB_MODULE(_core, m) {
       },
       "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a);
 
+  nb::class_<Bursts>(m, "Bursts")
+      .def(nb::new_([](double share, double mean_duration, double keeps_length, double fluctuation) {
+             require(0.0 < share && share < 1.0 && mean_duration > 0.0,
+                     "share must be in (0, 1), mean_duration positive");
+             require(0.0 <= keeps_length && keeps_length <= 1.0 && fluctuation >= 0.0,
+                     "keeps_length must be in [0, 1], fluctuation not negative");
+             return Bursts{share, mean_duration, keeps_length, fluctuation};
+           }),
+           "share"_a, "mean_duration"_a, "keeps_length"_a, "fluctuation"_a);
+
   m.def(
       "burst_nlos_odds",
       [](const Column& t, const Column& whitened, const Column& sigma, const Column& nlos_odds,
-         const NlosMixture& loss, double share, double mean_duration) {
+         const NlosMixture& loss, const Bursts& bursts) {
         const auto n = t.size();
         require(whitened.size() == n && sigma.size() == n && nlos_odds.size() == n,
                 "all columns must be (n,)");
@@ -210,13 +220,10 @@ NB_MODULE(_core, m) {
                 "residuals must be finite, odds not negative");
         require((sigma.array() > 0.0).all() && sigma.allFinite(), "sigma must be positive");
         require(std::is_sorted(t.begin(), t.end()) && t.allFinite(), "t must be finite and sorted");
-        require(0.0 < share && share < 1.0 && mean_duration > 0.0,
-                "share must be in (0, 1), mean_duration positive");
-        const BurstOdds verdict =
-            burst_nlos_odds(t, whitened, sigma, nlos_odds, loss, {share, mean_duration});
-        return std::pair(verdict.nlos_odds, verdict.cost);
+        const BurstOdds found = burst_nlos_odds(t, whitened, sigma, nlos_odds, loss, bursts);
+        return std::pair(found.nlos_odds, found.cost);
       },
-      "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "share"_a, "mean_duration"_a);
+      "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
 
   m.def(
       "search_heights",

@@ -6,9 +6,7 @@
 namespace synchronizar {
 namespace {
 
-constexpr double kKeepsLength = 0.7;
-constexpr double kFluctuation = 0.2;  // of a detour within a burst, relative, 1 sigma
-constexpr double kLeast = 1e-12;      // keeps a chain of impossible ranges from dividing by zero
+constexpr double kLeast = 1e-12;  // keeps a chain of impossible ranges from dividing by zero
 constexpr int kLengths = 24;
 
 // Floats: the probabilities need no more, and a chain may be a million ranges long.
@@ -18,7 +16,7 @@ using Lengths = Eigen::Array<float, kLengths, 1>;
 struct Ladder {
   Lengths length, variance, prior;
 
-  Ladder() {
+  explicit Ladder(double fluctuation) {
     constexpr double kFirstStep = 0.1, kGrowth = 0.2;
     double begin = 0.0;
     for (int m = 0; m < kLengths; ++m) {
@@ -26,7 +24,7 @@ struct Ladder {
       const double end = begin + step;
       const double middle = begin + 0.5 * step;
       length[m] = static_cast<float>(middle);
-      variance[m] = static_cast<float>(step * step / 12.0 + std::pow(kFluctuation * middle, 2));
+      variance[m] = static_cast<float>(step * step / 12.0 + std::pow(fluctuation * middle, 2));
       prior[m] = static_cast<float>(std::atan(end) - std::atan(begin));
       begin = end;
     }
@@ -43,7 +41,7 @@ struct Emission {
 
 BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column& sigma,
                           const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
-  static const Ladder ladder;
+  const Ladder ladder(bursts.fluctuation);
   const Eigen::Index n = t.size();
   const double share = bursts.share;
   const double rate = 1.0 / (bursts.mean_duration * (1.0 - share));
@@ -68,7 +66,7 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
     const double dt = t[k] - t[k - 1];
     const double keeps = std::exp(-rate * dt);
     return Step{static_cast<float>(keeps), static_cast<float>(share * (1.0 - keeps)),
-                static_cast<float>(kKeepsLength * std::exp(-dt / bursts.mean_duration))};
+                static_cast<float>(bursts.keeps_length * std::exp(-dt / bursts.mean_duration))};
   };
 
   // Forward: what is expected of each range by those before it.

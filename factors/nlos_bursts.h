@@ -22,6 +22,8 @@ namespace synchronizar {
 struct Bursts {
   double share;          // pi, in (0, 1)
   double mean_duration;  // s
+  double keeps_length;   // probability that a detour's length is kept to the next range, in [0, 1]
+  double fluctuation;    // 1 sigma, relative, of a detour within a burst
 };
 
 struct BurstOdds {

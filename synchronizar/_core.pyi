@@ -129,8 +129,14 @@ class CalibratedRangeBlock:
 def mixture_terms(whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture) -> tuple[Array, Array, Array]:
     """(n,) each: cost, weight and probability of being honest of ranges with these residuals."""
 
+class Bursts:
+    """How NLOS ranges follow each other (factors/nlos_bursts.h)."""
+
+    def __init__(self, share: float, mean_duration: float, keeps_length: float, fluctuation: float) -> None:
+        """Long-run share; mean duration (s); probability that a detour is kept; its relative fluctuation (1 sigma)."""
+
 def burst_nlos_odds(
-    t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, share: float, mean_duration: float
+    t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, bursts: Bursts
 ) -> tuple[Array, float]:
     """(n,) odds of being late that each range's neighbours in time speak for, and the chain's negative log likelihood.
 

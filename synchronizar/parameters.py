@@ -1,191 +1,272 @@
-"""Every noise, prior and threshold: the one place where a default stands. One model serves every recording."""
+"""Every noise, prior and threshold, by subject: the one place where defaults stand. One set serves every recording."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+
+@dataclass(frozen=True)
+class RangeParameters:
+    """What a measured distance is like. Lengths m, times s."""
+
+    sigma: float = 0.1
+    """m, 1 sigma of a line-of-sight range whose recording gives none: the DW1000 figure of Huo et al. (UIST 2018)."""
+    shortest: float = -1.0
+    """m. Time-of-flight noise makes the range of two devices that touch slightly negative; less is no distance."""
+    longest: float = 1000.0
+    """m: no ultra-wideband radio reaches further."""
+
+    nlos_share: float = 0.2
+    """Prior share of NLOS ranges where nothing else is known; with it a range loses its weight from 2.5 sigma on."""
+    nlos_share_clear: float = 0.05
+    """The same where the first path carries the power (received minus first-path power below `power_clear_db`)."""
+    nlos_share_blocked: float = 0.9
+    """The same where it does not (above `power_blocked_db`), or where the radio itself reports NLOS."""
+    power_clear_db: float = 6.0
+    """dB: line of sight below it (DW1000 user manual, 4.7)."""
+    power_blocked_db: float = 10.0
+    """dB: no line of sight above it (DW1000 user manual, 4.7)."""
+    nlos_duration: float = 1.0
+    """s: how long a line of sight stays blocked on average, by a body or a pillar between two walkers. Assumed."""
+    detour_scale: float = 1.0
+    """m: scale of the half-Cauchy distribution of an NLOS range's extra length. Assumed."""
+    detour_fluctuation: float = 0.2
+    """1 sigma, relative, of the extra length from one range to the next within a burst. Assumed."""
+    detour_kept: float = 0.7
+    """Probability that the extra length stays the same to the next range of a burst. Assumed."""
+    short_share: float = 0.002
+    """Share of ranges that are too short by more than noise. Nothing makes a signal early, so they are garbage."""
+
+    multipath_sigma: float = 0.15
+    """m, 1 sigma: slowly varying error of a line-of-sight range from reflections, antennas and bodies."""
+    multipath_duration: float = 3.0
+    """s: how long it stays. Against the truth, errors 0.25 s apart were correlated by 0.4 to 0.7 in five recordings
+    with four kinds of radio, errors 2 s apart by 0.1 to 0.5."""
+    multipath_correlation: float = 0.5
+    """Prior correlation of the errors of neighbouring ranges."""
+    multipath_weight: float = 20.0
+    """Pairs of neighbours that this prior is worth."""
+    multipath_neighbour_gap: float = 1.0
+    """s: ranges between the same antennas that are closer in time are neighbours."""
+    multipath_most_neighbours: int = 8
+    """Neighbours that each range is compared with, at most."""
+    multipath_largest_correlation: float = 0.95
+    """No measured correlation is taken for more."""
+    multipath_chance: float = 1.5
+    """Standard deviations of a measured correlation that are put down to chance."""
+    pair_weight: float = 50.0
+    """Ranges: how many of its own a pair needs for its error size to be taken from them rather than from all pairs."""
+    nlos_confusion: float = 4.0
+    """c: where a share r of ranges is NLOS the others count 1 / (1 + c r (1 - r)), since some are taken for the other
+    kind. Fitted on simulated walks with 0 to 50 % NLOS, whose squared errors were 1.4 to 2 times too large."""
+
+
+@dataclass(frozen=True)
+class SlamParameters:
+    """What a device's own SLAM is like. Lengths m, angles rad, times s."""
+
+    longest_pose_gap: float = 1.0
+    """s: a device's place is interpolated between poses that are this close in time."""
+    keyframe_interval: float = 1.0
+    """s between two keyframes; in between SLAM's motion is taken as it is."""
+
+    drift_m_per_sqrt_s: float = 0.007
+    """Random walk of SLAM's position on each axis, by time, also of a device that stands still."""
+    drift_m_per_sqrt_m: float = 0.012
+    """The same by the way walked: 0.014 m in the first second of walking, between the 0.02 m of Kim et al. (Sensors
+    22(24), 2022, of ARKit) and the 0.002 to 0.02 m of recordings with a truth."""
+    drift_rad_per_sqrt_s: float = 0.0035
+    """Random walk of SLAM's heading, by time."""
+    drift_rad_per_sqrt_m: float = 0.006
+    """The same by the way walked: 0.007 rad in the first second of walking, between 0.01 and 0.001 to 0.007 rad."""
+    drift_dof: float = 5.0
+    """Degrees of freedom of Student's t, as which steps are distributed: trackers slip now and then."""
+    drift_weight: float = 20.0
+    """Steps that these figures are worth where the noise of a device's own SLAM is estimated."""
+    slip_sigmas: float = 5.0
+    """Sigmas of a step between keyframes beyond which SLAM slipped."""
+
+    jump_sigma_m: float = 0.1
+    """m, 1 sigma of a step that was rebuilt from its neighbours because SLAM re-localised."""
+    jump_sigma_rad: float = 0.1
+    """rad, 1 sigma of the turn within it."""
+    jump_least: float = 0.12
+    """m: a smaller jump is left alone, since a rebuilt step is itself good to about 0.1 m."""
+    jump_acceleration: float = 30.0
+    """m/s^2: more than hands, wheels and rotors do to a device between two poses."""
+    jump_spread: float = 2.5
+    """A jump exceeds the 95 % quantile of the track's prediction errors by this: 7 sigma where they are Gaussian."""
+    jump_neighbours: int = 3
+    """Steps on either side that predict how a device moved; their median withstands one that jumped."""
+    jump_turn: float = 0.4
+    """rad: where the attitude alone changes by more in one step, SLAM's axes may have turned about the device ..."""
+    jump_rate: float = 10.0
+    """... if it is faster (rad/s) than a hand turns it."""
+    jump_tilt: float = 0.1
+    """rad: SLAM knows gravity to a degree, a rebuilt step to about this; a smaller tilt is noise."""
+    jump_speed: float = 0.2
+    """m/s: velocities that differ by less do not tell whether axes turned; a second of walking varies as much."""
+    glitch_duration: float = 1.0
+    """s: an attitude that is back within this was wrong by itself; a lost map is not found again so soon."""
+
+
+@dataclass(frozen=True)
+class DeviceParameters:
+    """Priors of each device's scale, radio bias and clock: its own deviation, and one that all devices share."""
+
+    scale_sigma: float = 0.03
+    """1 sigma of each device's log scale: most are metric to a few percent."""
+    scale_common_sigma: float = 0.07
+    """1 sigma of what all have in common, since devices that walk together are mostly of one kind."""
+    scale_dof: float = 3.0
+    """Degrees of freedom of Student's t for both: visual-inertial odometry of small robots was 13 to 20 % off."""
+    bias_sigma: float = 0.05
+    """m, 1 sigma of each radio's bias: an antenna delay that is off by 0.2 ns is worth 0.05 m."""
+    bias_common_sigma: float = 0.03
+    """m, 1 sigma of what all have in common: one delay set for the whole kind."""
+    bias_dof: float = 20.0
+    """Degrees of freedom for both. With longer tails a radio seen from one side trades bias for distance."""
+    clock_sigma: float = 0.04
+    """s, 1 sigma of each device's clock against that of the ranges."""
+    clock_common_sigma: float = 0.04
+    """s, 1 sigma of what all have in common: the ranges' own delay."""
+    clock_dof: float = 3.0
+    """Degrees of freedom for both: most clocks are set by a network to some ms, some are off by 0.15 s."""
+    clock_walk: float = 1e-4
+    """s per square root of a second: how clocks drift while people walk. Two quartz clocks that are 20 ppm apart part
+    by 20 us each second; this follows with a lag of some ms."""
+
+
+@dataclass(frozen=True)
+class PriorParameters:
+    """Where frames may lie. Lengths m, angles rad."""
+
+    height_sigma: float = 0.15
+    """m, 1 sigma: how far a SLAM origin may lie above or below the others'. People start it in their hands."""
+    static_height_sigma: float = 3.0
+    """m: the same of a static radio, on the floor, on a shelf, under the roof."""
+    place_sigma: float = 100.0
+    """m: prior of a frame's place about where the search put it. It says nothing, but keeps the graph solvable."""
+    yaw_sigma: float = 1.8
+    """rad: the same of its heading; pi / sqrt(3) is the 1 sigma of an unknown one."""
+    least_extent: float = 0.5
+    """m: the first user by name that moves more than this is the reference."""
+
+
+@dataclass(frozen=True)
+class SearchParameters:
+    """How the answer is searched for. Costs are negative log likelihoods."""
+
+    first_stretch: float = 120.0
+    """s: the search looks at so much of a longer recording, and follows what it finds from there."""
+    sigma: float = 0.3
+    """m: how far ranges may be off while SLAM is taken for rigid: drift, scale, clocks, biases."""
+    most_candidates: int = 16
+    """Candidates of one user that are refined."""
+    most_ranges: int = 128
+    """Ranges of one user that candidates are found by, evenly chosen; they are compared by all."""
+    most_hypotheses: int = 8
+    """Joint candidates kept while users are added."""
+    cost_alive: float = 30.0
+    """A candidate is kept while its cost is at most this much above the best one's."""
+    annealing: float = 3.0
+    """How many times wider the loss is at first where the answer is in doubt (graduated non-convexity)."""
+    doubtful_share: float = 0.02
+    """With more than this share of NLOS ranges the search is repeated in parts of the walk."""
+    parts: int = 24
+    """Parts that are tried, ..."""
+    part_pieces: int = 12
+    """... each drawn from so many pieces of the walk, ..."""
+    least_part: float = 0.3
+    """... at least this share of them ..."""
+    largest_part: float = 0.6
+    """... and at most this share."""
+    most_followed: int = 3
+    """Joint candidates that are followed from each part."""
+    most_rounds: int = 10
+    """Rounds of expectation maximisation from each start, at most, where SLAM is trusted."""
+    hopeless_cost: float = 50.0
+    """A start whose cost is further above the best is given up: further rounds gain less."""
+    mirror_cost_per_range: float = 1.0
+    """A mirror image whose cost per range is higher is not followed."""
+    mirror_sigmas: float = 3.0
+    """Sigmas by which another height must differ to be followed as another optimum."""
+    slip_pieces: tuple[int, ...] = (3, 6)
+    """Pieces of a walk that are placed anew by themselves, in case SLAM slipped slowly."""
+    slip_least_ranges: int = 20
+    """Ranges that such a piece needs."""
+    slip_gain: float = 15.0
+    """Log likelihood that a piece must gain elsewhere."""
+
+
+@dataclass(frozen=True)
+class IncrementalParameters:
+    """Registration while people walk. Times s."""
+
+    window: float = 20.0
+    """s: what is older is marginalised once all are registered (fixed lag)."""
+    search_interval: float = 0.5
+    """s between two searches for a user who has just come, ..."""
+    search_growth: float = 0.05
+    """... and this share of the time for which it has been looked for, if that is more."""
+    check_interval: float = 30.0
+    """s between two checks of known users for other optima and mirror images."""
+    recent: float = 10.0
+    """s: a user of whose ranges in the last so many seconds too many do not fit is searched for again."""
+
+
+@dataclass(frozen=True)
+class IntegrityParameters:
+    """When a user is called registered. Lengths m, angles rad, times s; costs are negative log likelihoods."""
+
+    largest_error: float = 0.6
+    """m: a placement that is off by more anywhere on the user's own walk is wrong."""
+    largest_yaw_error: float = 0.5
+    """rad: a heading that is off by more is wrong."""
+    wrong_share: float = 5e-3
+    """A user is registered when the probability of being wrong is below this, ..."""
+    wrong_share_kept: float = 0.05
+    """... and stays so while it is below this, so that states do not flicker."""
+    cost_excluded: float = 7.0
+    """An alternative is excluded when its cost is this far above the best one's where SLAM is trusted, sqrt(k) times
+    this where the tracks of k devices may be bent by drift, ..."""
+    cost_excluded_nlos: float = 12.0
+    """... and at least this far where ranges are NLOS, whose distribution is known but roughly."""
+    height_contradicted: float = 4.0
+    """Nobody is registered whose height is more of its prior's sigmas off: something else is wrong."""
+    largest_rejected: float = 0.75
+    """Nobody is registered of whose ranges a larger share is rejected."""
+    systematic_inflation: float = 2.0
+    """With most ranges rejected, nobody is registered whose covariance residuals inflate by more than this."""
+    residual_pieces: int = 12
+    """Pieces of a recording over which residuals are summed (clustered scores): what stays for longer is no noise."""
+    least_duration: float = 3.0
+    """s after the first range before anybody is registered while people walk."""
+    watched_share: float = 0.02
+    """A user with a larger share of NLOS ranges is registered when its place has stayed ..."""
+    watched_duration: float = 2.0
+    """... for so many seconds: what a burst says is soon contradicted."""
+    proven_duration: float = 5.0
+    """s: until a user has been registered for so long, other placements are looked for all along."""
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """What is known of radios, people and SLAM before anything was measured; lengths m, angles rad, times s."""
+    """What is assumed of radios, SLAM, devices and people before anything is measured, and how the answer is found."""
 
-    # What a range is like
-    range_sigma: float = 0.1
-    """1 sigma of an honest range whose recording does not say: the paper's DW1000 figure."""
-    late_share: float = 0.2
-    """How many ranges are late where nothing tells: they lose their say from about 2.5 sigma on."""
-    late_duration: float = 1.0
-    """How long (s) a line of sight that is blocked stays so, on average: a body or a pillar between two walkers."""
-    late_scale: float = 1.0
-    """The typical length of a detour."""
-    early_share: float = 0.002
-    """How many ranges are too short by more than noise: garbage, since nothing makes a signal early."""
-    late_share_clear: float = 0.05
-    """How many are late where the first path carries the power (received minus first-path power < 6 dB)."""
-    late_share_blocked: float = 0.9
-    """How many are late where it does not (> 10 dB), or where the radio says so itself."""
-    power_clear_db: float = 6.0
-    """DW1000 user manual 4.7: below it line of sight."""
-    power_blocked_db: float = 10.0
-    """DW1000 user manual 4.7: above it no line of sight."""
-    shortest_range: float = -1.0
-    """Time-of-flight noise makes a touching pair's range slightly negative; below this a number is no distance."""
-    longest_range: float = 1000.0
-    """No ultra-wideband radio reaches further."""
+    ranges: RangeParameters = field(default_factory=RangeParameters)
+    slam: SlamParameters = field(default_factory=SlamParameters)
+    devices: DeviceParameters = field(default_factory=DeviceParameters)
+    priors: PriorParameters = field(default_factory=PriorParameters)
+    search: SearchParameters = field(default_factory=SearchParameters)
+    incremental: IncrementalParameters = field(default_factory=IncrementalParameters)
+    integrity: IntegrityParameters = field(default_factory=IntegrityParameters)
 
-    # What tracks are like
-    longest_pose_gap: float = 1.0
-    """A device's place is interpolated between poses that are this close in time."""
+    def changed(self, **subjects: Mapping[str, Any]) -> Parameters:
+        """The same with other values: `Parameters().changed(ranges={"sigma": 0.05})`.
 
-    # What SLAM, radios and clocks do wrong, unless they are trusted
-    keyframe_interval: float = 1.0
-    """s: how often a pose of its own is estimated; in between SLAM's steps are taken as they are."""
-    drift_m_per_sqrt_s: float = 0.007
-    """SLAM's random walk, on each axis, also of a device that stands still;"""
-    drift_m_per_sqrt_m: float = 0.012
-    """and by the way it goes: 0.014 m in the first second of walking, between the 0.02 m of Kim et al. (Sensors 22(24),
-    2022, of ARKit) and what recordings with a truth show, 0.002 to 0.02 m."""
-    drift_rad_per_sqrt_s: float = 0.0035
-    """The same of its heading;"""
-    drift_rad_per_sqrt_m: float = 0.006
-    """and by the way: 0.007 rad in the first second of walking, between 0.01 rad and 0.001 to 0.007 rad."""
-    drift_tail: float = 5.0
-    """Degrees of freedom of Student's t, as which steps are distributed: a tracker that slips is no Gaussian."""
-    drift_weight: float = 20.0
-    """How many steps all this is worth beside those of a walk, where the ranges tell how good a device's SLAM is."""
-    jump_sigma_m: float = 0.1
-    """How well a step is known that was rebuilt from its neighbours, because SLAM jumped,"""
-    jump_sigma_rad: float = 0.1
-    """and the turn within it."""
-    scale_sigma: float = 0.03
-    """Of log scale, of each device: most are metric to a few percent,"""
-    scale_common_sigma: float = 0.07
-    """and of what all have in common, since devices that walk together are mostly of a kind;"""
-    scale_tail: float = 3.0
-    """degrees of freedom of Student's t, as which both are distributed: visual-inertial odometry of small robots was
-    seen to be 13 to 20 % off, and a tracker without an accelerometer knows no scale at all."""
-    bias_sigma: float = 0.05
-    """m, of each radio: an antenna delay that is off by 0.2 ns is worth 0.05 m;"""
-    bias_common_sigma: float = 0.03
-    """and of all: one delay that is set for the whole kind;"""
-    bias_tail: float = 20.0
-    """of these: with longer tails a radio that is seen from one side only trades bias for distance."""
-    clock_sigma: float = 0.04
-    """s, of each device's clock against that of the ranges;"""
-    clock_common_sigma: float = 0.04
-    """and of all: the ranges' own delay;"""
-    clock_tail: float = 3.0
-    """of these: most are set by a network, to some ms, and stamp at once; some are off by 0.15 s."""
-    clock_walk: float = 1e-4
-    """s, in a second's root: while people walk. Two quartz clocks that are 20 millionths apart lose 20 us each second,
-    which this follows with a lag of some ms."""
-
-    # How the errors of successive ranges hang together
-    multipath_sigma: float = 0.15
-    """m: what reflections, antennas and bodies add to the noise of an honest range, and keep for a while."""
-    multipath_duration: float = 3.0
-    """s: for how long. Against the truth, errors a quarter of a second apart were correlated by 0.4 to 0.7 in five
-    recordings with four kinds of radio, and by 0.1 to 0.5 after two seconds."""
-    multipath_neighbours: float = 1.0
-    """s: ranges of a pair that are closer in time tell how strongly their errors are correlated;"""
-    multipath_share: float = 0.5
-    """the correlation before any was seen,"""
-    multipath_weight: float = 20.0
-    """worth as many pairs of neighbours."""
-
-    # When SLAM jumps
-    jump_least: float = 0.12
-    """A smaller jump is left alone: a rebuilt step is itself good to about 0.1 m, so mending it would gain nothing."""
-    jump_acceleration: float = 30.0
-    """m/s^2, three g: more than hands, wheels and rotors do to a device for as long as a pose takes."""
-    jump_spread: float = 2.5
-    """A jump exceeds the 95 % quantile of the track's own unrest by this: 7 sigma where that is Gaussian."""
-    jump_neighbours: int = 3
-    """Steps on either side that say how a device moved; their median stands one that jumped."""
-    jump_turn: float = 0.4
-    """Where the attitude alone changes by more in one step, SLAM's axes may have turned about the device,"""
-    jump_rate: float = 10.0
-    """if that is faster (rad/s) than a hand turns it."""
-    jump_tilt: float = 0.1
-    """SLAM knows gravity to a degree, a rebuilt step to about this: what is less is noise of the step."""
-    jump_speed: float = 0.2
-    """Velocities (m/s) that differ by less do not tell whether axes turned: a second of walking varies as much."""
-    glitch_duration: float = 1.0
-    """An attitude that is back within this went wrong by itself: a map that was left is not found again so soon."""
-
-    # Where frames may lie
-    height_sigma: float = 0.15
-    """How far a SLAM origin may lie above or below the others', 1 sigma: people start it in their hands."""
-    static_height_sigma: float = 3.0
-    """The same of a radio that stands still: on the floor, on a shelf, under the roof."""
-    place_sigma: float = 100.0
-    """How far from where the search put it a frame may lie: it says nothing, but keeps the graph solvable."""
-    yaw_sigma: float = 1.8
-    """The same of its heading: that of any heading being as likely, pi / sqrt(3)."""
-    moving: float = 0.5
-    """The first user by name that moves more than this is the reference."""
-
-    # How the answer is sought
-    first_stretch: float = 120.0
-    """s: of a longer recording, where everybody could be is looked for in so much of it, and followed from there."""
-    search_sigma: float = 0.3
-    """m: how far ranges may be off in the search that takes SLAM for rigid: drift, scale, clocks, biases."""
-    most_candidates: int = 16
-    """Placements of one user that the search refines."""
-    most_searched: int = 128
-    """Ranges of one user that the search looks at, evenly chosen; the costs it compares are those of all."""
-    most_hypotheses: int = 8
-    """Joint placements that are kept while users are added."""
-    cost_alive: float = 30.0
-    """A placement is kept while its negative log likelihood is at most this much above the best one's."""
-    annealing: float = 3.0
-    """How many times wider than true the loss is at first, where the answer is in doubt (graduated non-convexity)."""
-    doubtful_share: float = 0.02
-    """Where more of the ranges than this are taken for late, the answer is looked for again in parts of the walk."""
-    parts: int = 24
-    """How many parts are tried."""
-    most_followed: int = 3
-    """Joint placements that are followed from each."""
-    least_part: float = 0.3
-    """A part is at least this much of the walk,"""
-    largest_part: float = 0.6
-    """and at most this much, in pieces of a twelfth drawn at random."""
-
-    # While people walk
-    window: float = 20.0
-    """s: what is older is carried as a Gaussian, once all are registered (a fixed lag)."""
-    search_least: float = 0.5
-    """s between two searches for a user who has just come,"""
-    search_growth: float = 0.05
-    """and this share of the time for which it has been looked for already."""
-    check_interval: float = 30.0
-    """s: when all are known, how often other placements near theirs, and mirror images, are looked at again."""
-    recent: float = 10.0
-    """s: a user of whose ranges too many do not fit in so long is looked for again."""
-
-    # When the answer is called good
-    cost_excluded: float = 7.0
-    """An alternative that is e^-7 times as likely as the best is excluded where SLAM is trusted, e^-(7 sqrt(k)) times
-    where the tracks of k devices may be bent by drift;"""
-    cost_excluded_late: float = 12.0
-    """e^-12 times, or less, where signals are late: how they are late is known but roughly."""
-    largest_error: float = 0.6
-    """A placement that is off by more than this, anywhere on the user's own walk, is wrong."""
-    height_contradicted: float = 4.0
-    """Nobody is registered whose height is farther off than so many sigmas of its prior: something else is wrong."""
-    largest_yaw_error: float = 0.5
-    """A heading that is off by more than this is wrong."""
-    wrong_share: float = 5e-3
-    """A user is registered when the probability that its placement is wrong is below this."""
-    wrong_share_kept: float = 0.05
-    """A user that was registered stays so while it is below this: nobody is told something else every second."""
-    least_duration: float = 3.0
-    """s: while people walk nobody is registered sooner after the first range; few places of a walk prove little."""
-    watched_share: float = 0.02
-    """A user more of whose last ranges are late is registered when its place has stayed"""
-    watched_duration: float = 2.0
-    """for so long (s): what a burst of late ranges says is soon contradicted."""
-    proven_duration: float = 5.0
-    """s: who has been registered for so long is followed; until then other placements are looked for all along."""
-    largest_rejected: float = 0.75
-    """A user of whose ranges more are rejected is not registered."""
+        Raises TypeError for a value, AttributeError for a subject that there is not.
+        """
+        return replace(self, **{name: replace(getattr(self, name), **values) for name, values in subjects.items()})

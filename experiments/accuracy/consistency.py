@@ -73,12 +73,12 @@ def scene_of(task: Task) -> Scene:
         users=task.users,
         seconds=task.seconds,
         seed=task.seed,
-        sigma=m.range_sigma,
-        drift_m_per_sqrt_s=float(np.hypot(m.drift_m_per_sqrt_s, m.drift_m_per_sqrt_m)),
-        drift_rad_per_sqrt_s=float(np.hypot(m.drift_rad_per_sqrt_s, m.drift_rad_per_sqrt_m)),
-        scale_sigma=float(np.hypot(m.scale_sigma, m.scale_common_sigma)),
-        bias_sigma=float(np.hypot(m.bias_sigma, m.bias_common_sigma)),
-        clock_offset_sigma=float(np.hypot(m.clock_sigma, m.clock_common_sigma)),
+        sigma=m.ranges.sigma,
+        drift_m_per_sqrt_s=float(np.hypot(m.slam.drift_m_per_sqrt_s, m.slam.drift_m_per_sqrt_m)),
+        drift_rad_per_sqrt_s=float(np.hypot(m.slam.drift_rad_per_sqrt_s, m.slam.drift_rad_per_sqrt_m)),
+        scale_sigma=float(np.hypot(m.devices.scale_sigma, m.devices.scale_common_sigma)),
+        bias_sigma=float(np.hypot(m.devices.bias_sigma, m.devices.bias_common_sigma)),
+        clock_offset_sigma=float(np.hypot(m.devices.clock_sigma, m.devices.clock_common_sigma)),
     )
 
 

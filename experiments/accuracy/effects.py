@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal, NamedTuple
@@ -25,25 +24,29 @@ from synchronizar.reporting.evaluate import evaluate_folder
 _NONE = 1e-5  # a sigma that is as good as none
 _STIFF = 1e-4  # per root metre or second: a centimetre in an hour; less makes steps too stiff for the solver
 
-OFF: dict[str, dict[str, Any]] = {
+OFF: dict[str, dict[str, dict[str, float]]] = {
     "everything on": {},
     "drift off": {
-        "drift_m_per_sqrt_s": _STIFF,
-        "drift_m_per_sqrt_m": _STIFF,
-        "drift_rad_per_sqrt_s": _STIFF,
-        "drift_rad_per_sqrt_m": _STIFF,
+        "slam": {
+            "drift_m_per_sqrt_s": _STIFF,
+            "drift_m_per_sqrt_m": _STIFF,
+            "drift_rad_per_sqrt_s": _STIFF,
+            "drift_rad_per_sqrt_m": _STIFF,
+        }
     },
-    "scale off": {"scale_sigma": _NONE, "scale_common_sigma": _NONE},
-    "bias off": {"bias_sigma": _NONE, "bias_common_sigma": _NONE},
-    "clocks off": {"clock_sigma": _NONE, "clock_common_sigma": _NONE},
-    "jumps not mended": {"jump_least": 1e3, "jump_turn": 1e3},
+    "scale off": {"devices": {"scale_sigma": _NONE, "scale_common_sigma": _NONE}},
+    "bias off": {"devices": {"bias_sigma": _NONE, "bias_common_sigma": _NONE}},
+    "clocks off": {"devices": {"clock_sigma": _NONE, "clock_common_sigma": _NONE}},
+    "jumps not mended": {"slam": {"jump_least": 1e3, "jump_turn": 1e3}},
     "late signals off": {
-        "late_share": 1e-6,
-        "late_share_clear": 1e-6,
-        "late_share_blocked": 1e-6,
-        "early_share": 1e-9,
+        "ranges": {
+            "nlos_share": 1e-6,
+            "nlos_share_clear": 1e-6,
+            "nlos_share_blocked": 1e-6,
+            "short_share": 1e-9,
+        }
     },
-    "errors taken for independent": {"multipath_share": 0.0, "multipath_weight": 1e12},
+    "errors taken for independent": {"ranges": {"multipath_correlation": 0.0, "multipath_weight": 1e12}},
 }
 RIGID = "rigid frames"
 FIGURE = {"vub": "transfer xy", "tiers": "joint ate xy"}
@@ -68,7 +71,7 @@ def row_of(task: Task) -> dict[str, Any]:
     recording = Recording.load(folder)
     kind: Literal["full", "rigid"] = "rigid" if effect == RIGID else "full"
     began = perf_counter()
-    registration = register(recording, parameters=replace(Parameters(), **OFF.get(effect, {})), model=kind)
+    registration = register(recording, parameters=Parameters().changed(**OFF.get(effect, {})), model=kind)
     seconds = perf_counter() - began
     with tempfile.TemporaryDirectory() as out:
         write_registration(registration, recording, out)

@@ -70,19 +70,19 @@ def model_of_scene(simulation: Simulation) -> Parameters:
     """The model that a scene was drawn from: what it has none of is as by default."""
     scene, model = simulation.scene, Parameters()
     if scene.drift_m_per_sqrt_s > 0.0:
-        model = replace(model, drift_m_per_sqrt_s=scene.drift_m_per_sqrt_s, drift_m_per_sqrt_m=_KNOWN)
+        model = model.changed(slam={"drift_m_per_sqrt_s": scene.drift_m_per_sqrt_s, "drift_m_per_sqrt_m": _KNOWN})
     if scene.drift_rad_per_sqrt_s > 0.0:
-        model = replace(model, drift_rad_per_sqrt_s=scene.drift_rad_per_sqrt_s, drift_rad_per_sqrt_m=_KNOWN)
+        model = model.changed(slam={"drift_rad_per_sqrt_s": scene.drift_rad_per_sqrt_s, "drift_rad_per_sqrt_m": _KNOWN})
     if scene.scale_sigma > 0.0:
-        model = replace(model, scale_sigma=scene.scale_sigma, scale_common_sigma=_KNOWN)
+        model = model.changed(devices={"scale_sigma": scene.scale_sigma, "scale_common_sigma": _KNOWN})
     if any(simulation.range_bias.values()):
         # Of the biases that there are: an experiment may have added to one radio's.
         bias = float(np.sqrt(np.mean(np.square(list(simulation.range_bias.values())))))
-        model = replace(model, bias_sigma=max(bias, scene.bias_sigma), bias_common_sigma=_KNOWN)
+        model = model.changed(devices={"bias_sigma": max(bias, scene.bias_sigma), "bias_common_sigma": _KNOWN})
     if scene.clock_offset_sigma > 0.0:
-        model = replace(model, clock_sigma=scene.clock_offset_sigma, clock_common_sigma=_KNOWN)
+        model = model.changed(devices={"clock_sigma": scene.clock_offset_sigma, "clock_common_sigma": _KNOWN})
     # Ranges as they were drawn: white noise, those that are late left out.
-    return replace(model, range_sigma=scene.sigma, multipath_sigma=0.0, early_share=0.0)
+    return model.changed(ranges={"sigma": scene.sigma, "multipath_sigma": 0.0, "short_share": 0.0})
 
 
 def oracle(simulation: Simulation, reference: str) -> dict[str, Track]:
@@ -99,7 +99,8 @@ def oracle(simulation: Simulation, reference: str) -> dict[str, Track]:
     samples = replace(samples, nlos_odds=np.zeros(len(samples)))
     users = recording.users
     keyframes = [
-        STATIC_KEYFRAME if u.static else keyframes_of(mended[u.name], model.keyframe_interval, model) for u in users
+        STATIC_KEYFRAME if u.static else keyframes_of(mended[u.name], model.slam.keyframe_interval, model)
+        for u in users
     ]
     ref = recording.index(reference)
     graph = PoseGraph(smooth, samples, keyframes, list(range(len(users))), ref, model)
@@ -139,15 +140,15 @@ def true_walks(graph: PoseGraph, simulation: Simulation, smooth: Recording) -> S
 
 def _maximum_likelihood(graph: PoseGraph, walks: States) -> States:
     """The minimum next to these walks; antennas are read anew while clocks still move."""
-    about, ones = walks.frames, np.ones(len(graph.measurements))
+    about, ones = walks.anchor_poses, np.ones(len(graph.measurements))
     judgement = replace(graph.initial_em_weights(), nlos_odds=0.0 * ones, range_weight=ones)
     for _ in range(_ROUNDS):
-        before = walks.device[:, CLOCK].copy()
+        before = walks.calibration[:, CLOCK].copy()
         graph.read_antennas(before)
         factors = graph.factors(about, judgement)
         values = optimize(factors, graph.values(walks), graph.ordering(), 100, 1e-6)
         walks = graph.states(values, walks)
-        if np.abs(walks.device[:, CLOCK] - before).max() < _SAME_CLOCK:
+        if np.abs(walks.calibration[:, CLOCK] - before).max() < _SAME_CLOCK:
             break
     return walks
 

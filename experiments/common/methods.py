@@ -40,7 +40,9 @@ METHODS: dict[str, Callable[[Recording], Registration]] = {
 CLOCKS_TRUSTED = "joint, clocks trusted"
 """Ours as it is by default, but without its estimate of clocks."""
 EVERY_METHOD = METHODS | {
-    CLOCKS_TRUSTED: partial(register, parameters=Parameters(clock_sigma=1e-4, clock_common_sigma=1e-4))
+    CLOCKS_TRUSTED: partial(
+        register, parameters=Parameters().changed(devices={"clock_sigma": 1e-4, "clock_common_sigma": 1e-4})
+    )
 }
 
 

@@ -98,7 +98,7 @@ def tell(
     for u in graph.free:
         near[u] = min(1.0, nearness(told[0], u, graph.users[u].static, extent[u], parameters))
     if len(told) > 1:  # as far as the next best joint placement is excluded
-        near *= min(1.0, max(told[1].cost - told[0].cost, 0.0) / parameters.cost_excluded_late)
+        near *= min(1.0, max(told[1].cost - told[0].cost, 0.0) / parameters.integrity.cost_excluded_nlos)
         near[graph.reference] = 1.0
     weight = weight * best.em_weights.range_weight / graph.sigma**2
     return Assessment(
@@ -195,7 +195,7 @@ def _rejected(measurements: RangeMeasurements, inlier_probability: Array, user: 
 
 def _with_height(said: Verdict, above: float, sigma: float, parameters: Parameters) -> Verdict:
     """The verdict; nobody is registered whose SLAM origin would lie where the prior has next to none."""
-    if said.state is not State.REGISTERED or abs(above) < parameters.height_contradicted * sigma:
+    if said.state is not State.REGISTERED or abs(above) < parameters.integrity.height_contradicted * sigma:
         return said
     side = "above" if above > 0.0 else "below"
     reason = (

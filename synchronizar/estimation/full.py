@@ -53,7 +53,7 @@ def solve(
     coarse = keyframes_of_all(repaired, repaired_tracks, coarse_interval(measurements, parameters), parameters)
     found = search_and_grow(repaired, measurements, coarse, active_users, reference, parameters)
     searched = perf_counter()
-    fine = keyframes_of_all(repaired, repaired_tracks, parameters.keyframe_interval, parameters)
+    fine = keyframes_of_all(repaired, repaired_tracks, parameters.slam.keyframe_interval, parameters)
     graph = PoseGraph(repaired, measurements, fine, active_users, reference, parameters)
     minima, noise = _refined(repaired, repaired_tracks, found, graph, parameters)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # what ranges are worth may turn their order
@@ -77,7 +77,7 @@ def _refined(
     coarse = keyframes_of_all(
         recording, repaired_tracks, coarse_interval(graph.measurements, parameters), parameters, noise
     )
-    fine = keyframes_of_all(recording, repaired_tracks, parameters.keyframe_interval, parameters, noise)
+    fine = keyframes_of_all(recording, repaired_tracks, parameters.slam.keyframe_interval, parameters, noise)
     found = [s._replace(graph=s.graph.with_keyframes(coarse)) for s in found]
     best = best._replace(graph=found[0].graph)
     return compare(found, refine(best, graph.with_keyframes(fine)), parameters), noise

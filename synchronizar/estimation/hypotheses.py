@@ -69,12 +69,12 @@ def hypotheses(
     """Minima (best first) gathered into placements that differ; `covariances` gives the (k, 4, 4) of one.
 
     `extent` (k, c, 3) are points of each user's walk in its own frame; minima that move none of them by more than
-    `parameters.largest_error` are the same placement.
+    `parameters.integrity.largest_error` are the same placement.
     """
     groups: list[list[M]] = []
     for s in minima:
         for group in groups:
-            if np.nanmax(moved(s.frames, group[0].frames, extent)) < parameters.largest_error:
+            if np.nanmax(moved(s.frames, group[0].frames, extent)) < parameters.integrity.largest_error:
                 group.append(s)
                 break
         else:
@@ -119,7 +119,7 @@ def _pooled(apart: list[Hypothesis], extent: Array, parameters: Parameters) -> l
     of_all = _merge([(p.cost - np.log(m.weight / p.minima[0].weight), m) for p in apart for m in p.minima])
     best = of_all.minima[0]
     away = np.fmax.reduce([moved(m.frames, best.frames, extent) for m in of_all.minima])
-    near = np.asarray(away < parameters.largest_error)
+    near = np.asarray(away < parameters.integrity.largest_error)
     return [
         p._replace(
             frames=np.where(near[:, None], of_all.frames, p.frames),

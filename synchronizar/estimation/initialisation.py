@@ -144,14 +144,16 @@ def extend(
             height_sigma_of(users[user], parameters),
             not users[user].static,
             nlos_mixture(parameters),
-            parameters.largest_error,
-            parameters.most_candidates,
-            parameters.most_searched,
-            parameters.cost_alive,
+            parameters.integrity.largest_error,
+            parameters.search.most_candidates,
+            parameters.search.most_ranges,
+            parameters.search.cost_alive,
         )
         for placement in found:
             frames = hypothesis.frames.copy()
             frames[user] = placement[:4]
             grown.append(Candidate(frames, hypothesis.cost + float(placement[4])))
     grown.sort(key=lambda h: h.cost)
-    return [h for h in grown[: parameters.most_hypotheses] if h.cost <= grown[0].cost + parameters.cost_alive]
+    return [
+        h for h in grown[: parameters.search.most_hypotheses] if h.cost <= grown[0].cost + parameters.search.cost_alive
+    ]

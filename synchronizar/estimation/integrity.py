@@ -19,7 +19,6 @@ from synchronizar.parameters import Parameters
 _NAMES = ("x", "y", "z", "yaw")
 _LEAST = 1e-9  # m and rad: a sigma that is none
 _DIRECTIONS = 32  # of a quarter turn
-_SYSTEMATIC = 2.0  # inflation of a covariance: with most ranges rejected, more than late signals explain
 
 
 class Placed(Protocol):
@@ -64,13 +63,13 @@ def verdicts(
             for name, own, of in zip(_NAMES, np.diag(best.covariances[u]), prior, strict=True)
             if own > 0.5 * of and not (name == "yaw" and graph.users[u].static)
         )
-        wrong_share = parameters.wrong_share_kept if u in registered else parameters.wrong_share
+        wrong_share = parameters.integrity.wrong_share_kept if u in registered else parameters.integrity.wrong_share
         state, reason, direction = _state(best, u, graph.users[u].static, extent[u], wrong_share, parameters)
-        doubted = fit[u].rejected > 0.5 and fit[u].inflation > _SYSTEMATIC
-        if doubted or fit[u].rejected > parameters.largest_rejected:
+        doubted = fit[u].rejected > 0.5 and fit[u].inflation > parameters.integrity.systematic_inflation
+        if doubted or fit[u].rejected > parameters.integrity.largest_rejected:
             reason = f"{fit[u].rejected:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
             state = State.UNOBSERVABLE
-        if away[u] > parameters.largest_error and state is State.REGISTERED:
+        if away[u] > parameters.integrity.largest_error and state is State.REGISTERED:
             state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
         said[u] = Verdict(state, reason, direction, dominated)
     return said
@@ -79,14 +78,14 @@ def verdicts(
 def nearness(best: Hypothesis, user: int, static: bool, extent: Array, parameters: Parameters) -> float:
     """How many times its sigmas could grow before a user were not registered; below 1 it is not."""
     normal = NormalDist()
-    in_plane = parameters.largest_error / np.sqrt(-2.0 * np.log(parameters.wrong_share))
-    in_line = normal.inv_cdf(1.0 - 0.5 * parameters.wrong_share)
+    in_plane = parameters.integrity.largest_error / np.sqrt(-2.0 * np.log(parameters.integrity.wrong_share))
+    in_line = normal.inv_cdf(1.0 - 0.5 * parameters.integrity.wrong_share)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
     level, _ = _largest_spread(covariance, yaw, extent, [0, 1])
     height, _ = _largest_spread(covariance, yaw, extent, [2])
-    ratios = [in_plane / max(level, _LEAST), parameters.largest_error / in_line / max(height, _LEAST)]
+    ratios = [in_plane / max(level, _LEAST), parameters.integrity.largest_error / in_line / max(height, _LEAST)]
     if not static:
-        ratios.append(parameters.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
+        ratios.append(parameters.integrity.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
     return float(min(ratios))
 
 
@@ -120,7 +119,7 @@ def _wrong(best: Hypothesis, user: int, extent: Array, parameters: Parameters) -
     Of a minimum at distance d from the placement, an error in the plane beyond the limit has at most the probability of
     one beyond limit - d.
     """
-    limit = parameters.largest_error
+    limit = parameters.integrity.largest_error
     own = extent[None]
     here = places(best.frames[[user]], own)
     plane = height = heading = 0.0
@@ -132,7 +131,9 @@ def _wrong(best: Hypothesis, user: int, extent: Array, parameters: Parameters) -
         sigma, _ = _largest_spread(covariance, frames[0, 3], extent, [2])
         height += minimum.weight * _beyond(limit, off[0, 2], sigma)
         turned = wrap_angle(float(frames[0, 3] - best.frames[user, 3]))
-        heading += minimum.weight * _beyond(parameters.largest_yaw_error, turned, float(np.sqrt(covariance[3, 3])))
+        heading += minimum.weight * _beyond(
+            parameters.integrity.largest_yaw_error, turned, float(np.sqrt(covariance[3, 3]))
+        )
     return plane, height, heading
 
 

@@ -24,9 +24,6 @@ _FIRST_ROUNDS = 2
 _ROUNDS = 8
 _MEASURING_ROUNDS = (4, 2)
 _REFINING_ROUNDS = 4
-_HOPELESS = 50.0  # of log likelihood: more than settling may gain
-_NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
-_TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
 _MOST_IMAGES = 6  # that are followed of one minimum
 _MOST_COMPARED = 6
 BETTER = 1.0  # of log likelihood: less does not tell two minima apart
@@ -80,7 +77,7 @@ def _follow(graph: PoseGraph, states: States, found: list[LocalOptimum], anneali
     for wide in annealing:
         states, em_weights, _ = graph.run_em(states, em_weights, 3, wide)
     optimum = LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
-    if found and optimum.cost > min(found, key=by_cost).cost + _HOPELESS:
+    if found and optimum.cost > min(found, key=by_cost).cost + graph.parameters.search.hopeless_cost:
         return
     optimum = LocalOptimum(graph, *graph.run_em(optimum.states, optimum.em_weights, _ROUNDS))
     frames = optimum.frames
@@ -110,13 +107,15 @@ def _images(optimum: LocalOptimum, parameters: Parameters) -> Iterator[States]:
     def above(frames: Array) -> float:
         return range_weight * (rigid.cost(rigid.values(frames)) - rigid.cost(values))
 
-    heights = rigid.other_heights(states.anchor_poses, parameters.cost_excluded_late / range_weight)
+    heights = rigid.other_heights(states.anchor_poses, parameters.integrity.cost_excluded_nlos / range_weight)
     heights += height_mirrors(flat, states.anchor_poses, graph.reference)
     apart = [
-        f for f in heights if (np.abs(f[:, 2] - states.anchor_poses[:, 2]) > _TOLD_APART * sigma)[graph.free].any()
+        f
+        for f in heights
+        if (np.abs(f[:, 2] - states.anchor_poses[:, 2]) > parameters.search.mirror_sigmas * sigma)[graph.free].any()
     ]
-    images = [(cost, frames) for frames in apart if (cost := above(frames)) < _HOPELESS]
-    most = _HOPELESS + _NATS_A_RANGE * range_weight * len(flat)
+    images = [(cost, frames) for frames in apart if (cost := above(frames)) < parameters.search.hopeless_cost]
+    most = parameters.search.hopeless_cost + parameters.search.mirror_cost_per_range * range_weight * len(flat)
     images += [
         (cost, frames)
         for frames in reflections(flat, states.anchor_poses, graph.reference)
@@ -151,17 +150,19 @@ def compare(found: list[LocalOptimum], best: LocalOptimum, parameters: Parameter
     """
     if len(found) == 1:
         return [best]
-    likely = [s for s in found if s.cost < found[0].cost + _HOPELESS][:_MOST_COMPARED]
+    likely = [s for s in found if s.cost < found[0].cost + parameters.search.hopeless_cost][:_MOST_COMPARED]
     compared = []
     for s in likely:
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
         compared.append(LocalOptimum(s.graph, *s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS)))
     _, inlier_probability = best.graph.inlier_probability(best.states, best.em_weights)
-    late = len(inlier_probability) > 0 and float((inlier_probability < 0.5).mean()) > parameters.doubtful_share
+    late = len(inlier_probability) > 0 and float((inlier_probability < 0.5).mean()) > parameters.search.doubtful_share
     # What drift bends a straight walk by speaks for it or for its mirror image by chance: the sum of a term for each
     # device whose SLAM may drift, which grows with the root of how many there are.
     drifting = max(sum(len(k.step_sigma) > 0 for k in best.graph.keyframes), 1)
-    excluded = max(parameters.cost_excluded_late if late else 0.0, parameters.cost_excluded * np.sqrt(drifting))
+    excluded = max(
+        parameters.integrity.cost_excluded_nlos if late else 0.0, parameters.integrity.cost_excluded * np.sqrt(drifting)
+    )
     first, *others = compared
     others = [s for s in others if s.cost <= first.cost + excluded]
     return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]

@@ -74,7 +74,7 @@ def reference_of(recording: Recording, name: str | None, parameters: Parameters)
         moving = [u for u, user in enumerate(recording.users) if not user.static]
         if not moving:
             raise InputError("recording.toml", "every user is a static radio: nobody has a frame to be the common one")
-        far = [u for u in moving if recording.tracks[recording.users[u].name].extent() > parameters.moving]
+        far = [u for u in moving if recording.tracks[recording.users[u].name].extent() > parameters.priors.least_extent]
         return (far or moving)[0]
     try:
         user = recording.index(name)

@@ -10,8 +10,6 @@ from synchronizar.arrays import Array
 from synchronizar.geometry import apply_frames
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
-_PIECES = 12  # of the recording: what stays the same for that long is no noise
-
 
 class ResidualStatistics(NamedTuple):
     """How a user's ranges fit a placement."""
@@ -23,7 +21,13 @@ class ResidualStatistics(NamedTuple):
 
 
 def residual_statistics(
-    measurements: RangeMeasurements, frames: Array, residual: Array, weight: Array, inlier_probability: Array, user: int
+    measurements: RangeMeasurements,
+    frames: Array,
+    residual: Array,
+    weight: Array,
+    inlier_probability: Array,
+    user: int,
+    pieces: int,
 ) -> ResidualStatistics:
     """How the samples of one user fit frames (k, 4) x, y, z, yaw.
 
@@ -50,9 +54,9 @@ def residual_statistics(
         return ResidualStatistics(1.0, rejected)
 
     span = max(float(np.ptp(measurements.t)), 1e-9)
-    piece = np.minimum((s.t - measurements.t.min()) / span * _PIECES, _PIECES - 1).astype(int)
+    piece = np.minimum((s.t - measurements.t.min()) / span * pieces, pieces - 1).astype(int)
     other = np.where(s.i == user, s.j, s.i)
-    cluster, which = np.unique(other * _PIECES + piece, return_inverse=True)
+    cluster, which = np.unique(other * pieces + piece, return_inverse=True)
     scores = np.zeros((len(cluster), 4))
     np.add.at(scores, which, jacobian * (w * residual[rows])[:, None])
     rank = int(seen.sum())

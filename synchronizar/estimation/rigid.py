@@ -60,7 +60,15 @@ def _fits(optimum: LocalOptimum, measurements: RangeMeasurements) -> dict[int, R
     residual, inlier_probability = graph.residuals(optimum.values), graph.inlier_probability(optimum.values)
     weight = graph.weights(optimum.values) / measurements.sigma**2
     return {
-        u: residual_statistics(measurements, optimum.frames, residual, weight, inlier_probability, u)
+        u: residual_statistics(
+            measurements,
+            optimum.frames,
+            residual,
+            weight,
+            inlier_probability,
+            u,
+            graph.parameters.integrity.residual_pieces,
+        )
         for u in graph.free
     }
 

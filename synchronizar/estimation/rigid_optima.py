@@ -24,11 +24,6 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 _GAIN = 5e-3  # of log likelihood, in units of 1: a step that gains less changes nothing that could be measured
-_HOPELESS = 50.0  # of log likelihood: more than further rounds may gain
-_NATS_A_RANGE = 1.0  # a mirror image that fits worse than that on average is none
-_TOLD_APART = 3.0  # sigmas: a height that is closer is within the minimum's own uncertainty
-_MOST_ROUNDS = 10
-_PIECES = 12  # that a walk is cut into to draw parts of it
 
 
 class LocalOptimum(NamedTuple):
@@ -59,15 +54,15 @@ def solve(
         found.follow(start.frames)
     if not graph.free:
         return found.optimum
-    excluded = parameters.cost_excluded
-    if found.best.graph.rejected(found.best.values) > parameters.doubtful_share:
-        excluded = parameters.cost_excluded_late
+    excluded = parameters.integrity.cost_excluded
+    if found.best.graph.rejected(found.best.values) > parameters.search.doubtful_share:
+        excluded = parameters.integrity.cost_excluded_nlos
         for start in starts:
-            found.follow(start.frames, annealing=parameters.annealing)
+            found.follow(start.frames, annealing=parameters.search.annealing)
         for part in _parts(measurements, parameters):
             if connected(part, len(graph.users), graph.reference) == active_users:
                 likely = joint_placements(part, graph.users, active_users, graph.reference, parameters)
-                for start in likely[: parameters.most_followed]:
+                for start in likely[: parameters.search.most_followed]:
                     found.follow(start.frames)
     mirrored: LocalOptimum | None = None
     while mirrored is not found.best:  # a mirror image may be better, and have images of its own
@@ -99,9 +94,10 @@ class _Minima:
             return
         if annealing > 1.0:
             values = levenberg_marquardt(graph.factors(annealing), values, 3, _GAIN)
-        hopeless = self.best.cost + _HOPELESS if self.optimum else np.inf
+        search = graph.parameters.search
+        hopeless = self.best.cost + search.hopeless_cost if self.optimum else np.inf
         before = np.inf
-        for k in range(_MOST_ROUNDS):
+        for k in range(search.most_rounds):
             judged, cost = graph.with_bursts(values)
             if before - cost < _GAIN or (k > 0 and cost > hopeless):
                 break
@@ -115,17 +111,18 @@ class _Minima:
 
 def _follow_mirrors(measurements: RangeMeasurements, found: _Minima, best: LocalOptimum, excluded: float) -> None:
     graph = best.graph
+    search = graph.parameters.search
     cost = graph.cost(best.values)
     sigma = np.sqrt(graph.covariances(best.values)[:, 2, 2])
     heights = graph.other_heights(best.frames, excluded)
     for frames in height_mirrors(measurements, best.frames, graph.reference):
-        if graph.cost(graph.values(frames)) < cost + _HOPELESS:
+        if graph.cost(graph.values(frames)) < cost + search.hopeless_cost:
             heights.append(frames)
     for frames in heights:
-        if (np.abs(frames[:, 2] - best.frames[:, 2]) > _TOLD_APART * sigma)[graph.free].any():
+        if (np.abs(frames[:, 2] - best.frames[:, 2]) > search.mirror_sigmas * sigma)[graph.free].any():
             found.follow(frames)
     for frames in reflections(measurements, best.frames, graph.reference):
-        if graph.cost(graph.values(frames)) < cost + _NATS_A_RANGE * len(measurements):
+        if graph.cost(graph.values(frames)) < cost + search.mirror_cost_per_range * len(measurements):
             found.follow(frames)
 
 
@@ -133,8 +130,15 @@ def _parts(measurements: RangeMeasurements, parameters: Parameters) -> Iterator[
     """Random parts of the walk, the same ones each time."""
     random = np.random.default_rng(0)
     begin, end = measurements.t.min(), measurements.t.max()
-    piece = np.minimum((measurements.t - begin) / max(end - begin, 1e-9) * _PIECES, _PIECES - 1).astype(int)
-    for _ in range(parameters.parts):
-        taken = random.permutation(_PIECES) < random.uniform(parameters.least_part, parameters.largest_part) * _PIECES
+    piece = np.minimum(
+        (measurements.t - begin) / max(end - begin, 1e-9) * parameters.search.part_pieces,
+        parameters.search.part_pieces - 1,
+    ).astype(int)
+    for _ in range(parameters.search.parts):
+        taken = (
+            random.permutation(parameters.search.part_pieces)
+            < random.uniform(parameters.search.least_part, parameters.search.largest_part)
+            * parameters.search.part_pieces
+        )
         if taken[piece].any():
             yield measurements[taken[piece]]

@@ -26,8 +26,8 @@ _WHOLE = 2.0  # first stretches: a recording that is no longer is taken as a who
 
 def coarse_interval(measurements: RangeMeasurements, parameters: Parameters) -> float:
     """Seconds between the keyframes while placements are compared."""
-    stretch = min(float(np.ptp(measurements.t)) if len(measurements) else 0.0, parameters.first_stretch)
-    return max(parameters.keyframe_interval, stretch / _KEYFRAMES)
+    stretch = min(float(np.ptp(measurements.t)) if len(measurements) else 0.0, parameters.search.first_stretch)
+    return max(parameters.slam.keyframe_interval, stretch / _KEYFRAMES)
 
 
 def search_and_grow(
@@ -53,7 +53,7 @@ def search_and_grow(
         graph = PoseGraph(recording, part, keyframes, tied, reference, parameters)
         if not found:
             found = find_optima(graph, _search(part, graph, parameters), parameters)
-            excluded = found[0].cost + parameters.cost_excluded_late
+            excluded = found[0].cost + parameters.integrity.cost_excluded_nlos
             others = [s.states.anchor_poses for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
             found = [approach(graph, _joined(graph, found[0], known, parameters), _ANNEALING)]
@@ -74,15 +74,15 @@ def _first_stretch(
     measurements: RangeMeasurements, users: int, reference: int, parameters: Parameters
 ) -> tuple[float, float]:
     """The stretch (s) of `first_stretch` in which the most users hang together with the reference, the earliest."""
-    if not len(measurements) or np.ptp(measurements.t) <= _WHOLE * parameters.first_stretch:
+    if not len(measurements) or np.ptp(measurements.t) <= _WHOLE * parameters.search.first_stretch:
         return -np.inf, np.inf
-    begins = np.arange(measurements.t.min(), measurements.t.max(), 0.5 * parameters.first_stretch)
+    begins = np.arange(measurements.t.min(), measurements.t.max(), 0.5 * parameters.search.first_stretch)
     tied = [
-        len(connected(measurements[_within(measurements, b, b + parameters.first_stretch)], users, reference))
+        len(connected(measurements[_within(measurements, b, b + parameters.search.first_stretch)], users, reference))
         for b in begins.tolist()
     ]
     begin = float(begins[int(np.argmax(tied))])
-    return begin, begin + parameters.first_stretch
+    return begin, begin + parameters.search.first_stretch
 
 
 def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
@@ -92,7 +92,7 @@ def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
 def _search(measurements: RangeMeasurements, graph: PoseGraph, parameters: Parameters) -> list[States]:
     """Joint placements of rigid walks, looked for as if ranges were no better than SLAM."""
     middle = centroids(measurements, len(graph.users))
-    wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, parameters.search_sigma))
+    wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, parameters.search.sigma))
     found = joint_placements(wide, graph.users, graph.active_users, graph.reference, parameters)
     anchors = np.array([k.anchor for k in graph.keyframes]) - middle
     laid = [np.column_stack([apply_frames(h.frames, anchors), h.frames[:, 3]]) for h in found]
@@ -107,7 +107,7 @@ def _joined(graph: PoseGraph, before: LocalOptimum, known: list[int], parameters
         frames = np.full_like(states.anchor_poses, np.nan)
         frames[known] = states.anchor_poses[known]
         flat = graph.to_rigid_ranges(states._replace(anchor_poses=frames))
-        wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search_sigma))
+        wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
         user = max(coming, key=lambda u: ties(flat, u, known))
         grown = extend(wide, [Candidate(frames, 0.0)], graph.users, user, parameters)
         states.anchor_poses[user] = grown[0].frames[user]

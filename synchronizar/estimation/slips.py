@@ -25,19 +25,19 @@ from synchronizar.graph.states import CLOCK, SCALE, States, steps
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
-_PIECES = (3, 6)  # of a walk
-_FEWEST_RANGES = 20  # in a piece that is laid by itself
-_GAIN = 15.0  # of log likelihood: what a piece must gain elsewhere
 _MOST_TRIED = 3
-_SLIPPED = 5.0  # sigmas of a step
 
 
 def relaid(graph: PoseGraph, states: States, parameters: Parameters) -> Iterator[States]:
     """The same walks with pieces of one device's moved to where they fit much better, what gains most first."""
     flat = graph.to_rigid_ranges(states)
-    wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search_sigma))
+    wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
     moving = [u for u in graph.active_users if not graph.users[u].static]
-    moved = [_moved(graph, states, wide, user, pieces, parameters) for pieces in _PIECES for user in moving]
+    moved = [
+        _moved(graph, states, wide, user, pieces, parameters)
+        for pieces in parameters.search.slip_pieces
+        for user in moving
+    ]
     likely = sorted(((gain, elsewhere) for gain, elsewhere in moved if gain > 0.0), key=lambda m: -m[0])
     yield from (elsewhere for _, elsewhere in likely[:_MOST_TRIED])
 
@@ -52,9 +52,9 @@ def _moved(
     laid, gained = np.tile(states.anchor_poses[user], (pieces, 1)), 0.0
     for piece in range(pieces):
         inside = mine[(wide.t[mine] >= bounds[piece]) & (wide.t[mine] <= bounds[piece + 1])]
-        if len(inside) >= _FEWEST_RANGES:
+        if len(inside) >= parameters.search.slip_least_ranges:
             gain, there = _best(graph, states, wide[inside], user, parameters)
-            if gain > _GAIN:
+            if gain > parameters.search.slip_gain:
                 laid[piece], gained = there, gained + gain
     stamps = graph.keyframes[user].t - states.calibration[user, CLOCK]
     which = np.clip(np.searchsorted(bounds[1:-1], stamps), 0, pieces - 1).astype(np.int32)
@@ -109,7 +109,7 @@ def slips(states: States, graph: PoseGraph, user: int, track: Track) -> tuple[Ju
     """Where a user's SLAM slipped: steps that the ranges did not believe, those that follow each other as one."""
     frames, keyframe_poses = graph.keyframes[user], states.keyframe_poses[user]
     away = steps(keyframe_poses, frames)
-    slipped = (away**2).sum(axis=1) > _SLIPPED**2
+    slipped = (away**2).sum(axis=1) > graph.parameters.slam.slip_sigmas**2
     if not slipped.any():
         return ()
     begins = np.flatnonzero(slipped & ~np.concatenate([[False], slipped[:-1]]))

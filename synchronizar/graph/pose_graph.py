@@ -24,7 +24,7 @@ from synchronizar.graph import keys
 from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.optimization import optimizing
 from synchronizar.graph.range_factors import CalibratedRangeBlockFactor, CalibratedUserKeys, PoseCache
-from synchronizar.graph.rigid_graph import height_sigma_of, nlos_mixture
+from synchronizar.graph.rigid_graph import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, antennas, slam_states, steps, to_rigid_ranges
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_ends
@@ -77,7 +77,7 @@ class PoseGraph:
         # Of whom nothing is known but priors; and whose heights are about a level that all share.
         self._new = [u for u in active_users if u not in known]
         self._level_users = active_users if marginal_prior is None else [reference, *self._new]
-        self.sigma = np.hypot(measurements.sigma, parameters.multipath_sigma)
+        self.sigma = np.hypot(measurements.sigma, parameters.ranges.multipath_sigma)
         self._loss: NlosMixture = nlos_mixture(parameters)
         self._from_level = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
         self._links = _links(recording, measurements)
@@ -160,13 +160,18 @@ class PoseGraph:
         for pair in pairs(s):
             k = pair.measurements
             odds[k], chain = burst_nlos_odds(
-                s.t[k], whitened[k], self.sigma[k], s.nlos_odds[k], self._loss, m.late_share, m.late_duration
+                s.t[k],
+                whitened[k],
+                self.sigma[k],
+                s.nlos_odds[k],
+                self._loss,
+                bursts_of(m),
             )
             cost += chain * float(before.range_weight[k].mean())
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         for u in self.active_users:
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)
-            weights[u], tail = _student(squares, m.drift_tail, 4)
+            weights[u], tail = _student(squares, m.slam.drift_dof, 4)
             cost += tail
         calibration_weight, tail = self._calibration_weights(states, before)
         return EmWeights(odds, before.range_weight, weights, calibration_weight), cost + tail + self._height_cost(
@@ -295,8 +300,8 @@ class PoseGraph:
     def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, em_weights: EmWeights) -> None:
         m, noise = self.parameters, gtsam.noiseModel
         # All may turn about the reference together: what their k priors say of that must be what one says.
-        yaw_sigma = m.yaw_sigma * np.sqrt(max(len(self.free), 1))
-        wide = noise.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, yaw_sigma]))
+        yaw_sigma = m.priors.yaw_sigma * np.sqrt(max(len(self.free), 1))
+        wide = noise.Diagonal.Sigmas(np.array([m.priors.place_sigma, m.priors.place_sigma, yaw_sigma]))
         if self.marginal_prior is not None:
             graph.add(self.marginal_prior.factor(self._clock))
         for u in self.free:
@@ -422,19 +427,19 @@ class PoseGraph:
         """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
         m = self.parameters
         height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
-        return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
+        return np.array([m.priors.place_sigma**2, m.priors.place_sigma**2, height, m.priors.yaw_sigma**2])
 
 
 def calibration_sigmas(parameters: Parameters) -> tuple[Array, Array]:
     """1 sigma (3,) of log scale, bias (m) and clock (s): of each device's own, and of what all have in common."""
     m = parameters
-    own = np.array([m.scale_sigma, m.bias_sigma, m.clock_sigma])
-    return own, np.array([m.scale_common_sigma, m.bias_common_sigma, m.clock_common_sigma])
+    own = np.array([m.devices.scale_sigma, m.devices.bias_sigma, m.devices.clock_sigma])
+    return own, np.array([m.devices.scale_common_sigma, m.devices.bias_common_sigma, m.devices.clock_common_sigma])
 
 
 def calibration_dof(parameters: Parameters) -> Array:
     """Degrees of freedom (3,) of Student's t, as which they are distributed."""
-    return np.array([parameters.scale_tail, parameters.bias_tail, parameters.clock_tail])
+    return np.array([parameters.devices.scale_dof, parameters.devices.bias_dof, parameters.devices.clock_dof])
 
 
 def _student(squares: Array, freedom: Array | float, dimension: int) -> tuple[Array, float]:

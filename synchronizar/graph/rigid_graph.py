@@ -8,7 +8,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from synchronizar._core import NlosMixture, RangeBlock, UserPose, burst_nlos_odds, search_heights
+from synchronizar._core import Bursts, NlosMixture, RangeBlock, UserPose, burst_nlos_odds, search_heights
 from synchronizar.arrays import Array
 from synchronizar.data.user import User
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
@@ -25,14 +25,22 @@ def keys_of(user: int) -> UserKeys:
 
 def nlos_mixture(parameters: Parameters) -> NlosMixture:
     """The loss of a range under this model."""
-    return NlosMixture(parameters.late_scale, parameters.early_share / (1.0 - parameters.early_share))
+    return NlosMixture(
+        parameters.ranges.detour_scale, parameters.ranges.short_share / (1.0 - parameters.ranges.short_share)
+    )
+
+
+def bursts_of(parameters: Parameters) -> Bursts:
+    """How NLOS ranges follow each other under these parameters."""
+    r = parameters.ranges
+    return Bursts(r.nlos_share, r.nlos_duration, r.detour_kept, r.detour_fluctuation)
 
 
 def height_sigma_of(user: User, parameters: Parameters) -> float:
     """How far the user's origin may lie above or below the others' (m, 1 sigma)."""
     if user.height_sigma is not None:
         return user.height_sigma
-    return parameters.static_height_sigma if user.static else parameters.height_sigma
+    return parameters.priors.static_height_sigma if user.static else parameters.priors.height_sigma
 
 
 class PairBlock(NamedTuple):
@@ -81,7 +89,7 @@ class RigidGraph:
         self.free = [u for u in active_users if u != reference]
         self.reference = reference
         self.blocks = blocks
-        self._parameters = parameters
+        self.parameters = parameters
         self._loss = nlos_mixture(parameters)
         # Every origin lies about one level, which is not known either: two that are alike lie one height_sigma apart.
         self._from_level = np.array([height_sigma_of(user, parameters) for user in users]) / np.sqrt(2.0)
@@ -94,9 +102,11 @@ class RigidGraph:
         return out
 
     def _priors_about(self, frames: Array) -> gtsam.NonlinearFactorGraph:
-        m = self._parameters
+        m = self.parameters
         priors = gtsam.NonlinearFactorGraph()
-        wide = gtsam.noiseModel.Diagonal.Sigmas(np.array([m.place_sigma, m.place_sigma, m.yaw_sigma]))
+        wide = gtsam.noiseModel.Diagonal.Sigmas(
+            np.array([m.priors.place_sigma, m.priors.place_sigma, m.priors.yaw_sigma])
+        )
         for u in self.free:
             x, y, _, yaw = frames[u].tolist()
             priors.addPriorPose2(keys_of(u).frame, gtsam.Pose2(x, y, yaw), wide)
@@ -109,9 +119,9 @@ class RigidGraph:
 
     def prior_variances(self, user: int) -> Array:
         """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
-        m = self._parameters
+        m = self.parameters
         height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
-        return np.array([m.place_sigma**2, m.place_sigma**2, height, m.yaw_sigma**2])
+        return np.array([m.priors.place_sigma**2, m.priors.place_sigma**2, height, m.priors.yaw_sigma**2])
 
     def covariances(self, values: gtsam.Values, factors: gtsam.NonlinearFactorGraph | None = None) -> Array:
         """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad), from the joint marginals.
@@ -172,8 +182,7 @@ class RigidGraph:
                 b.sigma,
                 b.nlos_odds,
                 self._loss,
-                self._parameters.late_share,
-                self._parameters.late_duration,
+                bursts_of(self.parameters),
             )
             blocks.append(b._replace(block=b.block.with_nlos_odds(odds)))
             cost += chain_cost
@@ -194,7 +203,7 @@ class RigidGraph:
             pairs,
             self._loss,
             excluded,
-            self._parameters.most_hypotheses,
+            self.parameters.search.most_hypotheses,
         )
         return [np.column_stack([frames[:, :2], heights + 0.0 * frames[:, 2], frames[:, 3]]) for heights, _ in found]
 

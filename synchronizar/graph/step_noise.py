@@ -22,7 +22,6 @@ PLACE, HEADING = range(2)
 """Columns of the noise."""
 
 _OF_ROW = [PLACE, PLACE, HEADING]
-_SLIP = 5.0  # sigmas of a step: no ordinary one is as long
 _ROUNDS = 10
 _MOST_KEYFRAMES = 400  # that are looked at together: of a longer walk its middle speaks for the whole
 
@@ -62,7 +61,7 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array
         wanted.reshape(len(whose), 3),
         np.array(whose, dtype=np.int32),
         users,
-        graph.parameters.drift_weight,
+        graph.parameters.slam.drift_weight,
     )
 
 
@@ -92,7 +91,7 @@ def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:
     """(m - 1,) whether a step is SLAM's own, and none at which it slipped."""
     frames = graph.keyframes[user]
     away = (steps(states.keyframe_poses[user], frames) ** 2).sum(axis=1)
-    return np.asarray(~frames.rebuilt & (away < _SLIP**2))
+    return np.asarray(~frames.rebuilt & (away < graph.parameters.slam.slip_sigmas**2))
 
 
 def _middle(of_keyframes: list[int]) -> dict[int, None]:

@@ -62,7 +62,7 @@ def keyframes_of(
     `noise`: how many times as far as the model says this SLAM drifts, in place and in heading.
     """
     track, segment = repaired.track, repaired.segment
-    broken = (np.diff(segment) != 0) | (np.diff(track.t) > parameters.longest_pose_gap)
+    broken = (np.diff(segment) != 0) | (np.diff(track.t) > parameters.slam.longest_pose_gap)
     begins = np.concatenate([[0], np.flatnonzero(broken) + 1])
     ends = np.concatenate([begins[1:], [len(track)]]) - 1
     pieces = [_spread(track.t, int(a), int(b), interval) for a, b in zip(begins, ends, strict=True)]
@@ -72,13 +72,17 @@ def keyframes_of(
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
     dt, way = np.diff(track.t[at]), np.diff(gone[at])
     jumped = np.diff(segment[at]) != 0
-    metres = noise[0] * np.sqrt(parameters.drift_m_per_sqrt_s**2 * dt + parameters.drift_m_per_sqrt_m**2 * way)
-    radians = noise[1] * np.sqrt(parameters.drift_rad_per_sqrt_s**2 * dt + parameters.drift_rad_per_sqrt_m**2 * way)
+    metres = noise[0] * np.sqrt(
+        parameters.slam.drift_m_per_sqrt_s**2 * dt + parameters.slam.drift_m_per_sqrt_m**2 * way
+    )
+    radians = noise[1] * np.sqrt(
+        parameters.slam.drift_rad_per_sqrt_s**2 * dt + parameters.slam.drift_rad_per_sqrt_m**2 * way
+    )
     # SLAM that had lost gravity knew of a step its length at best.
     lost = ~repaired.level[segment[at[:-1]]]
     metres = np.hypot(metres, np.where(lost, way, 0.0))
-    metres = np.where(jumped, parameters.jump_sigma_m, metres)
-    radians = np.where(jumped, parameters.jump_sigma_rad, radians)
+    metres = np.where(jumped, parameters.slam.jump_sigma_m, metres)
+    radians = np.where(jumped, parameters.slam.jump_sigma_rad, radians)
     sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA)
     return Keyframes(track.t[at], track.position[at], sigma, _between(due), jumped | lost)
 

@@ -76,15 +76,15 @@ def range_measurements(recording: Recording, parameters: Parameters) -> RangeMea
     ranges = recording.ranges
     distance = ranges.distance
     usable = np.isfinite(distance)
-    usable &= (np.where(usable, distance, 0.0) >= parameters.shortest_range) & (
-        np.where(usable, distance, 0.0) <= parameters.longest_range
+    usable &= (np.where(usable, distance, 0.0) >= parameters.ranges.shortest) & (
+        np.where(usable, distance, 0.0) <= parameters.ranges.longest
     )
     p_a, p_b = np.zeros((len(ranges), 3)), np.zeros((len(ranges), 3))
     for user in range(len(recording.users)):
         for end, antenna, p in ((ranges.a, ranges.antenna_a, p_a), (ranges.b, ranges.antenna_b, p_b)):
             mine = np.flatnonzero(end == user)
             p[mine], known = recording.antenna_positions(
-                user, ranges.t[mine], antenna[mine], parameters.longest_pose_gap
+                user, ranges.t[mine], antenna[mine], parameters.slam.longest_pose_gap
             )
             usable[mine[~known]] = False
 
@@ -99,7 +99,7 @@ def range_measurements(recording: Recording, parameters: Parameters) -> RangeMea
         same &= np.diff(column[order]) == 0
     order = order[np.concatenate([[True], ~same])] if len(order) else order
 
-    sigma = np.where(np.isnan(ranges.sigma), parameters.range_sigma, ranges.sigma)[order]
+    sigma = np.where(np.isnan(ranges.sigma), parameters.ranges.sigma, ranges.sigma)[order]
     late_share = _late_share(ranges, parameters)[order]
     swapped = swap[order, None]
     return RangeMeasurements(
@@ -122,14 +122,14 @@ def _late_share(ranges: Ranges, parameters: Parameters) -> Array:
     (DW1000 user manual 4.7: below 6 dB line of sight, above 10 dB none; in between linear); else low where the radio
     takes it for direct, and the model's share where nothing is known.
     """
-    share = np.full(len(ranges), parameters.late_share)
+    share = np.full(len(ranges), parameters.ranges.nlos_share)
     beside_first_path = ranges.rx_power - ranges.fp_power
-    blocked = (beside_first_path - parameters.power_clear_db) / (
-        parameters.power_blocked_db - parameters.power_clear_db
+    blocked = (beside_first_path - parameters.ranges.power_clear_db) / (
+        parameters.ranges.power_blocked_db - parameters.ranges.power_clear_db
     )
-    by_power = parameters.late_share_clear + np.clip(blocked, 0.0, 1.0) * (
-        parameters.late_share_blocked - parameters.late_share_clear
+    by_power = parameters.ranges.nlos_share_clear + np.clip(blocked, 0.0, 1.0) * (
+        parameters.ranges.nlos_share_blocked - parameters.ranges.nlos_share_clear
     )
     share = np.where(np.isnan(beside_first_path), share, by_power)
-    share = np.where(ranges.nlos == 1.0, parameters.late_share_blocked, share)
-    return np.where((ranges.nlos == 0.0) & np.isnan(beside_first_path), parameters.late_share_clear, share)
+    share = np.where(ranges.nlos == 1.0, parameters.ranges.nlos_share_blocked, share)
+    return np.where((ranges.nlos == 0.0) & np.isnan(beside_first_path), parameters.ranges.nlos_share_clear, share)

@@ -14,17 +14,11 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 
-_MOST_NEIGHBOURS = 8  # of each range, that its error is compared with
-_OWN_WEIGHT = 50.0  # ranges: how many of its own a pair needs to be judged by them rather than by all
-_CONFUSION = 4.0  # of walks simulated with 0 to 50 % late, errors squared were 1.4 to 2 times what they should be
-_LARGEST_CORRELATION = 0.95
-_CHANCE = 1.5  # standard deviations
-
 
 def neighbour_counts(measurements: RangeMeasurements, parameters: Parameters) -> Array:
     """(n,) how many ranges of the same pair there are within `multipath_duration` to either side, itself included."""
     out = np.ones(len(measurements))
-    half = parameters.multipath_duration
+    half = parameters.ranges.multipath_duration
     for pair in pairs(measurements):
         t = measurements.t[pair.measurements]
         out[pair.measurements] = np.searchsorted(t, t + half, side="right") - np.searchsorted(t, t - half, side="left")
@@ -33,7 +27,9 @@ def neighbour_counts(measurements: RangeMeasurements, parameters: Parameters) ->
 
 def prior_range_weights(measurements: RangeMeasurements, parameters: Parameters) -> Array:
     """(n,) as how many independent ranges each counts, before any residual is known."""
-    return np.asarray(1.0 / (1.0 + parameters.multipath_share * (neighbour_counts(measurements, parameters) - 1.0)))
+    return np.asarray(
+        1.0 / (1.0 + parameters.ranges.multipath_correlation * (neighbour_counts(measurements, parameters) - 1.0))
+    )
 
 
 def measured_range_weights(
@@ -62,15 +58,20 @@ def measured_range_weights(
         squares.append(float((s**2).sum()))
         weights.append(float((w**2).sum()))
         own = max(squares[-1] / max(weights[-1], 1e-9), 1e-9)
-        for lag in range(1, min(_MOST_NEIGHBOURS, len(t))):
-            near = (t[lag:] - t[:-lag] < parameters.multipath_neighbours) & (link[lag:] == link[:-lag])
+        for lag in range(1, min(parameters.ranges.multipath_most_neighbours, len(t))):
+            near = (t[lag:] - t[:-lag] < parameters.ranges.multipath_neighbour_gap) & (link[lag:] == link[:-lag])
             product += float((s[lag:] * s[:-lag])[near].sum()) / own
             both += float((w[lag:] * w[:-lag])[near].sum())
-    weight_of_all = parameters.multipath_weight + both
-    correlation = (parameters.multipath_weight * parameters.multipath_share + product) / weight_of_all
+    weight_of_all = parameters.ranges.multipath_weight + both
+    correlation = (
+        parameters.ranges.multipath_weight * parameters.ranges.multipath_correlation + product
+    ) / weight_of_all
     # What chance alone might show is none (the positive part of James and Stein's shrinkage).
-    by_chance = _CHANCE / np.sqrt(weight_of_all)
-    correlation = min(max(correlation - by_chance**2 / max(correlation, by_chance), 0.0), _LARGEST_CORRELATION)
+    by_chance = parameters.ranges.multipath_chance / np.sqrt(weight_of_all)
+    correlation = min(
+        max(correlation - by_chance**2 / max(correlation, by_chance), 0.0),
+        parameters.ranges.multipath_largest_correlation,
+    )
     independent = 1.0 / (1.0 + correlation * (neighbour_counts(measurements, parameters) - 1.0))
 
     nominal = (measurements.sigma / judged_sigma) ** 2
@@ -79,7 +80,11 @@ def measured_range_weights(
     variance = np.empty(len(measurements))
     for pair, square, count in zip(pairs(measurements), squares, weights, strict=True):
         k = pair.measurements
-        late = (_OWN_WEIGHT * late_of_all + float((weight[k] < 0.5).sum())) / (_OWN_WEIGHT + k.stop - k.start)
-        variance[k] = np.maximum((_OWN_WEIGHT * of_all + square) / (_OWN_WEIGHT + count), nominal[k])
-        variance[k] *= 1.0 + _CONFUSION * late * (1.0 - late)
+        late = (parameters.ranges.pair_weight * late_of_all + float((weight[k] < 0.5).sum())) / (
+            parameters.ranges.pair_weight + k.stop - k.start
+        )
+        variance[k] = np.maximum(
+            (parameters.ranges.pair_weight * of_all + square) / (parameters.ranges.pair_weight + count), nominal[k]
+        )
+        variance[k] *= 1.0 + parameters.ranges.nlos_confusion * late * (1.0 - late)
     return np.asarray(independent / variance)

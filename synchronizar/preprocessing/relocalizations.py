@@ -52,8 +52,8 @@ def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrac
         return RepairedTrack(track, (), segment, _IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
 
     at = _rows(jumped)
-    unrest = _unrest(_predict(steps, ~jumped, parameters.jump_neighbours, parameters).turned)
-    least_tilt = max(parameters.jump_tilt, parameters.jump_spread * unrest)
+    unrest = _unrest(_predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).turned)
+    least_tilt = max(parameters.slam.jump_tilt, parameters.slam.jump_spread * unrest)
     continued, way = _continue(track, steps, jumped, least_tilt, parameters)
     repaired_from_slam, level = _level(track, segment, continued, least_tilt)
 
@@ -117,11 +117,11 @@ def _jumped_by_position(steps: _Steps, parameters: Parameters) -> Mask:
     neighbours' velocity, a dt^2 / 4; and the track's own unrest. A jump that fell between the stamps of a track that
     was resampled shows in two steps, so beside one that jumped half of either bound is enough.
     """
-    least = np.maximum(parameters.jump_least, 0.25 * parameters.jump_acceleration * steps.dt**2)
-    spread = parameters.jump_spread * steps.stretch
+    least = np.maximum(parameters.slam.jump_least, 0.25 * parameters.slam.jump_acceleration * steps.dt**2)
+    spread = parameters.slam.jump_spread * steps.stretch
     jumped = np.zeros(len(steps.dt), dtype=bool)
     for _ in range(_PASSES):
-        away = _predict(steps, ~jumped, parameters.jump_neighbours, parameters).away
+        away = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).away
         unrest = spread * _unrest(away)
         found = away > np.maximum(least, unrest)
         beside = np.zeros_like(found)
@@ -140,20 +140,20 @@ def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, parameters: P
     The attitude turns as no device can, and does not come back within a moment; else it was the attitude alone that
     went wrong. Whether the velocity agrees is asked of these as of every jump.
     """
-    turned = _predict(steps, ~jumped, parameters.jump_neighbours, parameters).turned
-    unrest = parameters.jump_spread * steps.stretch * _unrest(turned)
-    least = np.maximum(np.maximum(unrest, parameters.jump_turn), parameters.jump_rate * steps.dt)
+    turned = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).turned
+    unrest = parameters.slam.jump_spread * steps.stretch * _unrest(turned)
+    least = np.maximum(np.maximum(unrest, parameters.slam.jump_turn), parameters.slam.jump_rate * steps.dt)
     candidates = _rows((turned > least) & ~jumped)
     found = np.zeros_like(jumped)
     if not len(candidates):
         return found
     q = track.quat_xyzw
     for moment in np.split(
-        candidates, np.flatnonzero(np.diff(steps.begin[candidates]) > parameters.glitch_duration) + 1
+        candidates, np.flatnonzero(np.diff(steps.begin[candidates]) > parameters.slam.glitch_duration) + 1
     ):
         before, after = moment[0], moment[-1] + 1
-        earlier = np.searchsorted(track.t, track.t[before] - parameters.glitch_duration)
-        later = np.searchsorted(track.t, track.t[after] + parameters.glitch_duration, side="right")
+        earlier = np.searchsorted(track.t, track.t[before] - parameters.slam.glitch_duration)
+        later = np.searchsorted(track.t, track.t[after] + parameters.slam.glitch_duration, side="right")
         apart = np.append(_angle_between(q[before], q[after:later]), _angle_between(q[after], q[earlier : before + 1]))
         if apart.min() > 0.5 * turned[moment].max():
             found[moment] = not _axes_stayed(steps, jumped, moment, parameters)
@@ -177,7 +177,7 @@ def _predict(steps: _Steps, good: Mask, neighbours: int, parameters: Parameters)
     for index in (np.searchsorted(rows, k)[:, None] - 1 - near, np.searchsorted(rows, k, "right")[:, None] + near):
         there = rows[np.clip(index, 0, len(rows) - 1)]
         apart = np.maximum(steps.begin[:, None] - middle[there], middle[there] - end[:, None])
-        valid = (index >= 0) & (index < len(rows)) & (apart <= parameters.longest_pose_gap)
+        valid = (index >= 0) & (index < len(rows)) & (apart <= parameters.slam.longest_pose_gap)
         sides.append(_median(steps.twist[there], valid))
     (before, n_before), (after, n_after) = sides
     before, after = np.where(n_before[:, None], before, after), np.where(n_after[:, None], after, before)
@@ -204,7 +204,7 @@ def _continue(
     axes = np.tile(_IDENTITY, (len(at) + 1, 1))
     for event in np.split(np.arange(len(at)), np.flatnonzero(np.diff(at) > 1) + 1):
         turned = _products(turns[event])
-        if _angle(turned[-1]) > parameters.jump_turn and _axes_stayed(steps, jumped, at[event], parameters):
+        if _angle(turned[-1]) > parameters.slam.jump_turn and _axes_stayed(steps, jumped, at[event], parameters):
             turned = np.tile(_IDENTITY, (len(event), 1))
             rebuilt[event] = moved[event, 3:6]
         elif _tilt(turned[-1]) <= least_tilt:
@@ -222,7 +222,7 @@ def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, parameters: Paramete
     axes turned: SLAM's motion and attitude come from one estimate, and an attitude that goes wrong alone comes back.
     """
     before, after = run[0], run[-1]
-    t, half = steps.begin, 0.5 * parameters.glitch_duration
+    t, half = steps.begin, 0.5 * parameters.slam.glitch_duration
     others = np.setdiff1d(np.flatnonzero(jumped), run)
     first = max(np.searchsorted(t, t[before] - half), others[others < before].max(initial=-1) + 1)
     last = min(np.searchsorted(t, t[after] + half), others[others > after].min(initial=len(t)))
@@ -231,7 +231,7 @@ def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, parameters: Paramete
     sides = (slice(first, before), slice(after + 1, last))
     v_before, v_after = (np.average(steps.twist[side, :6], axis=0, weights=steps.dt[side]) for side in sides)
     body, slam = np.linalg.norm((v_after - v_before).reshape(2, 3), axis=1)
-    return bool(body > parameters.jump_speed and slam < 0.5 * body)
+    return bool(body > parameters.slam.jump_speed and slam < 0.5 * body)
 
 
 def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> tuple[Array, Mask]:

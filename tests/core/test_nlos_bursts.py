@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.reference_kernel import honest_density, stray_density
 
-from synchronizar._core import NlosMixture, burst_nlos_odds
+from synchronizar._core import Bursts, NlosMixture, burst_nlos_odds
 from synchronizar.arrays import Array
 
 LATE = NlosMixture(scale=1.0, early_odds=0.002)
@@ -16,6 +16,8 @@ SHARE, DURATION = 0.1, 1.0
 TYPICAL_ODDS = SHARE / (1.0 - SHARE)
 
 KEEPS_LENGTH = 0.7
+FLUCTUATION = 0.2
+BURSTS = Bursts(SHARE, DURATION, KEEPS_LENGTH, FLUCTUATION)
 LENGTHS = 24
 
 
@@ -26,7 +28,7 @@ def ladder() -> tuple[Array, Array, Array]:
         bounds.append(bounds[-1] + max(0.1, 0.2 * bounds[-1]))
     begin, end = np.array(bounds[:-1]), np.array(bounds[1:])
     middle = (begin + end) / 2.0
-    variance = (end - begin) ** 2 / 12.0 + (0.2 * middle) ** 2
+    variance = (end - begin) ** 2 / 12.0 + (FLUCTUATION * middle) ** 2
     share = np.arctan(end) - np.arctan(begin)
     return middle, variance, share / share.sum()
 
@@ -80,7 +82,7 @@ def late_by_the_loss(e: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture
 def judged(e: Array, dt: float = 0.1, sigma: float = 0.1, nlos_odds: float = TYPICAL_ODDS) -> Array:
     """P(late) of ranges every dt s."""
     n = len(e)
-    odds, _ = burst_nlos_odds(stamps(n, dt), e, np.full(n, sigma), np.full(n, nlos_odds), LATE, SHARE, DURATION)
+    odds, _ = burst_nlos_odds(stamps(n, dt), e, np.full(n, sigma), np.full(n, nlos_odds), LATE, BURSTS)
     return late_by_the_loss(e, np.full(n, sigma), odds)
 
 
@@ -121,7 +123,7 @@ def test_the_chain_is_the_sum_over_every_path(
     t, e, sigma, nlos_odds = chain
     loss = NlosMixture(scale, early_odds)
     is_late, cost = every_path(t, e, sigma, nlos_odds, loss, share, duration)
-    odds, found_cost = burst_nlos_odds(t, e, sigma, nlos_odds, loss, share, duration)
+    odds, found_cost = burst_nlos_odds(t, e, sigma, nlos_odds, loss, Bursts(share, duration, KEEPS_LENGTH, FLUCTUATION))
     assert found_cost == pytest.approx(cost, rel=1e-4, abs=1e-4)
     found = late_by_the_loss(e, sigma, odds, loss)
     late_side = e < 0.0
@@ -132,9 +134,7 @@ def test_the_chain_is_the_sum_over_every_path(
 
 def test_honest_ranges_without_residual_cost_little() -> None:
     n = 100
-    _, cost = burst_nlos_odds(
-        stamps(n, 0.1), np.zeros(n), np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
-    )
+    _, cost = burst_nlos_odds(stamps(n, 0.1), np.zeros(n), np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, BURSTS)
     assert abs(cost) < 0.03 * n
 
 
@@ -170,10 +170,8 @@ def test_a_chain_reads_alike_in_both_directions() -> None:
     t = np.cumsum(random.exponential(0.2, n))
     e = random.normal(-1.0, 2.0, n)
     sigma, nlos_odds = random.uniform(0.05, 0.2, n), random.uniform(0.05, 0.5, n)
-    odds, cost = burst_nlos_odds(t, e, sigma, nlos_odds, LATE, SHARE, DURATION)
-    backward, backward_cost = burst_nlos_odds(
-        (t[-1] - t)[::-1], e[::-1], sigma[::-1], nlos_odds[::-1], LATE, SHARE, DURATION
-    )
+    odds, cost = burst_nlos_odds(t, e, sigma, nlos_odds, LATE, BURSTS)
+    backward, backward_cost = burst_nlos_odds((t[-1] - t)[::-1], e[::-1], sigma[::-1], nlos_odds[::-1], LATE, BURSTS)
     assert backward_cost == pytest.approx(cost, rel=1e-4)
     is_late, is_late_backward = (late_by_the_loss(e, sigma, o) for o in (odds, backward[::-1]))
     np.testing.assert_allclose(is_late_backward, is_late, rtol=1e-3, atol=1e-6)
@@ -182,7 +180,7 @@ def test_a_chain_reads_alike_in_both_directions() -> None:
 def test_a_single_range_is_judged_by_its_own_residual() -> None:
     for e in (-4.0, -1.0, 0.0, 2.0):
         one = np.array([e]), np.array([0.1]), np.array([TYPICAL_ODDS])
-        odds, cost = burst_nlos_odds(np.zeros(1), *one, LATE, SHARE, DURATION)
+        odds, cost = burst_nlos_odds(np.zeros(1), *one, LATE, BURSTS)
         weights = np.array([1.0 - SHARE, *(SHARE * PRIOR)]) * emission(e, 0.1, TYPICAL_ODDS, LATE, SHARE)
         assert cost == pytest.approx(-np.log(weights.sum()), rel=1e-4, abs=1e-6)
         if e < 0.0:
@@ -192,8 +190,8 @@ def test_a_single_range_is_judged_by_its_own_residual() -> None:
 def test_what_the_radio_says_of_a_range_is_heard() -> None:
     e = np.full(3, -2.0)
     t, sigma = stamps(3, 10.0), np.full(3, 0.1)
-    clear, _ = burst_nlos_odds(t, e, sigma, np.full(3, 0.05), LATE, SHARE, DURATION)
-    blocked, _ = burst_nlos_odds(t, e, sigma, np.full(3, 9.0), LATE, SHARE, DURATION)
+    clear, _ = burst_nlos_odds(t, e, sigma, np.full(3, 0.05), LATE, BURSTS)
+    blocked, _ = burst_nlos_odds(t, e, sigma, np.full(3, 9.0), LATE, BURSTS)
     assert (late_by_the_loss(e, sigma, clear) < 0.4).all()
     assert (late_by_the_loss(e, sigma, blocked) > 0.9).all()
 
@@ -204,18 +202,14 @@ def test_the_longer_a_detour_the_surer_its_neighbours_are_that_it_is_late() -> N
         chain = np.zeros(31)
         chain[10:21] = e
         n = len(chain)
-        odds, _ = burst_nlos_odds(
-            stamps(n, 0.1), chain, np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, SHARE, DURATION
-        )
+        odds, _ = burst_nlos_odds(stamps(n, 0.1), chain, np.full(n, 0.1), np.full(n, TYPICAL_ODDS), LATE, BURSTS)
         assert odds[15] > 1.0
 
 
 def test_ranges_of_one_moment_that_are_all_late_by_far_give_numbers() -> None:
     n = 8
     for e in (-10.0, -40.0, -1000.0):
-        odds, cost = burst_nlos_odds(
-            np.zeros(n), np.full(n, e), np.full(n, 0.1), np.full(n, 0.25), LATE, SHARE, DURATION
-        )
+        odds, cost = burst_nlos_odds(np.zeros(n), np.full(n, e), np.full(n, 0.1), np.full(n, 0.25), LATE, BURSTS)
         assert np.isfinite(odds).all()
         assert np.isfinite(cost)
         assert (late_by_the_loss(np.full(n, e), np.full(n, 0.1), odds) > 0.99).all()
@@ -226,7 +220,7 @@ def test_a_chain_of_any_length_stays_finite_and_fast(e: float) -> None:
     n = 200_000
     columns = stamps(n, 0.01), np.full(n, e), np.full(n, 0.1), np.full(n, 0.25)
     begin = time.perf_counter()
-    odds, cost = burst_nlos_odds(*columns, LATE, SHARE, DURATION)
+    odds, cost = burst_nlos_odds(*columns, LATE, BURSTS)
     assert time.perf_counter() - begin < 2.0
     assert np.isfinite(odds).all()
     assert np.isfinite(cost)
@@ -237,13 +231,12 @@ def test_a_chain_of_any_length_stays_finite_and_fast(e: float) -> None:
 
 @pytest.mark.parametrize(("share", "duration"), [(0.0, 1.0), (1.0, 1.0), (np.nan, 1.0), (0.1, 0.0), (0.1, -1.0)])
 def test_what_makes_no_chain_is_refused(share: float, duration: float) -> None:
-    column = np.ones(3)
     with pytest.raises(ValueError, match="share"):
-        burst_nlos_odds(column, column, column, column, LATE, share, duration)
+        Bursts(share, duration, KEEPS_LENGTH, FLUCTUATION)
 
 
 @pytest.mark.parametrize("short", range(4))
 def test_columns_of_different_lengths_are_refused(short: int) -> None:
     t, e, sigma, nlos_odds = (np.ones(2 if k == short else 3) for k in range(4))
     with pytest.raises(ValueError, match="columns"):
-        burst_nlos_odds(t, e, sigma, nlos_odds, LATE, SHARE, DURATION)
+        burst_nlos_odds(t, e, sigma, nlos_odds, LATE, BURSTS)

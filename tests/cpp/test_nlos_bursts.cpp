@@ -6,7 +6,7 @@ using namespace synchronizar;
 namespace {
 
 const NlosMixture kLoss{1.0, 0.002};
-const Bursts kBursts{0.1, 1.0};
+const Bursts kBursts{0.1, 1.0, 0.7, 0.2};
 constexpr double kTypicalOdds = 0.1 / 0.9;
 constexpr double kSigma = 0.1;
 

@@ -50,14 +50,14 @@ def test_scale_bias_and_clock_are_told_within_their_sigmas(users: int, radios: i
         assert sigma is not None
         assert frame is not None
         assert abs(user.range_bias - simulation.range_bias[name]) < 4.0 * sigma.range_bias
-        assert sigma.range_bias < np.hypot(MODEL.bias_sigma, MODEL.bias_common_sigma)
+        assert sigma.range_bias < np.hypot(MODEL.devices.bias_sigma, MODEL.devices.bias_common_sigma)
         if user.static:
             continue
         assert abs(frame.scale - simulation.world_from_user[name].scale) < 4.0 * sigma.scale
         assert user.clock_offset is not None
         assert abs(user.clock_offset - simulation.clock_offset[name]) < 4.0 * sigma.clock_offset
         assert sigma.scale < 0.03  # much less than the prior's: the ranges told it
-        assert sigma.clock_offset < 0.8 * np.hypot(MODEL.clock_sigma, MODEL.clock_common_sigma)
+        assert sigma.clock_offset < 0.8 * np.hypot(MODEL.devices.clock_sigma, MODEL.devices.clock_common_sigma)
     assert joint_ate_xy(registration, simulation) < 0.1
 
 
@@ -323,11 +323,11 @@ def test_the_truth_is_among_the_alternatives_of_walkers_of_lines(users: int, see
         worst.append(max(off_in_plane(simulation, ref, name, frame) for name, frame in frames.items()))
     assert len(worst) >= 2
     assert min(worst) < 0.3
-    assert max(worst) > MODEL.largest_error
+    assert max(worst) > MODEL.integrity.largest_error
     costs = [alternative.cost for alternative in registration.alternatives]
     assert costs[0] == 0.0
     assert costs == sorted(costs)
-    assert max(costs) < MODEL.cost_excluded
+    assert max(costs) < MODEL.integrity.cost_excluded
     best = registration.alternatives[0].common_from_user
     assert all(best[name] == user.common_from_user for name, user in registration.users.items())
 
@@ -424,7 +424,7 @@ def test_a_radio_that_one_walker_alone_has_ranged_is_placed_or_said_not_to_be() 
     assert radio.common_from_user is not None
     assert radio.common_from_user.scale == 1.0
     off = np.hypot(radio.common_from_user.x - 1.0, radio.common_from_user.y - 2.0)
-    assert off < MODEL.largest_error or radio.state is not State.REGISTERED
+    assert off < MODEL.integrity.largest_error or radio.state is not State.REGISTERED
     assert radio.covariance is not None
     assert np.linalg.eigvalsh(radio.covariance[:3, :3])[0] > 0.0
 
@@ -451,7 +451,7 @@ def test_a_device_that_stands_still_does_not_tell_its_heading_scale_and_clock() 
     assert abs(still.unseen_direction[3]) > 0.9
     assert still.clock_offset is not None  # a device all the same: it has a clock
     assert still.calibration_sigma is not None
-    assert still.calibration_sigma.scale > 0.9 * MODEL.scale_sigma
+    assert still.calibration_sigma.scale > 0.9 * MODEL.devices.scale_sigma
     assert not {"yaw", "scale", "clock_offset"} & set(registration.users["b"].prior_dominated)
 
 

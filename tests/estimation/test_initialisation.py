@@ -131,8 +131,8 @@ def test_hypotheses_come_best_first_and_none_is_hopeless() -> None:
     found = hypotheses(simulate(Scene(users=3, walk=("line",), seed=1)).recording)
     costs = [h.cost for h in found]
     assert costs == sorted(costs)
-    assert costs[-1] <= costs[0] + MODEL.cost_alive
-    assert 1 < len(found) <= MODEL.most_hypotheses
+    assert costs[-1] <= costs[0] + MODEL.search.cost_alive
+    assert 1 < len(found) <= MODEL.search.most_hypotheses
 
 
 def test_the_reference_alone_is_one_hypothesis() -> None:

@@ -17,7 +17,7 @@ from synchronizar.io.registration_folder import registration_json
 from synchronizar.parameters import Parameters
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
-OFF = Parameters().largest_error
+OFF = Parameters().integrity.largest_error
 
 
 def registered(scene: Scene) -> tuple[Simulation, Registration]:
@@ -67,7 +67,7 @@ def test_alternatives_come_best_first_and_the_first_is_the_answer(seed: int) -> 
     assert len(costs) >= 2
     assert costs[0] == 0.0
     assert costs == sorted(costs)
-    assert costs[-1] <= Parameters().cost_excluded_late
+    assert costs[-1] <= Parameters().integrity.cost_excluded_nlos
     first = registration.alternatives[0].common_from_user
     assert first == {name: user.common_from_user for name, user in registration.users.items()}
 
@@ -113,7 +113,7 @@ def test_the_heading_of_a_device_that_lies_on_a_table_is_its_prior_s_alone() -> 
     assert user.state is State.UNOBSERVABLE
     assert "yaw" in user.prior_dominated
     assert user.covariance is not None
-    assert np.sqrt(user.covariance[3, 3]) == pytest.approx(Parameters().yaw_sigma, rel=1e-3)
+    assert np.sqrt(user.covariance[3, 3]) == pytest.approx(Parameters().priors.yaw_sigma, rel=1e-3)
 
 
 def test_two_who_do_nothing_but_stand_know_of_each_other_s_distance_only() -> None:

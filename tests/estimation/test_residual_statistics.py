@@ -24,7 +24,7 @@ def inflation(
     measurements: RangeMeasurements, frames: Array, residual: Array, user: int = 1, weight: float = SIGMA**-2
 ) -> float:
     n = len(measurements)
-    return residual_statistics(measurements, frames, residual, np.full(n, weight), np.ones(n), user).inflation
+    return residual_statistics(measurements, frames, residual, np.full(n, weight), np.ones(n), user, PIECES).inflation
 
 
 def jacobian_of(measurements: RangeMeasurements, frames: Array, user: int) -> Array:
@@ -134,7 +134,13 @@ def test_the_share_of_rejected_ranges_is_that_of_the_user_s_own() -> None:
     inlier_probability[mine] = 1.0
     inlier_probability[mine[: len(mine) // 4]] = 0.49
     found = residual_statistics(
-        measurements, frames, np.zeros(len(measurements)), np.full(len(measurements), 100.0), inlier_probability, 1
+        measurements,
+        frames,
+        np.zeros(len(measurements)),
+        np.full(len(measurements), 100.0),
+        inlier_probability,
+        1,
+        PIECES,
     )
     assert found.rejected == (len(mine) // 4) / len(mine)
 
@@ -142,7 +148,7 @@ def test_the_share_of_rejected_ranges_is_that_of_the_user_s_own() -> None:
 def test_ranges_that_have_no_weight_tell_of_no_misfit() -> None:
     measurements, frames = walk(8)
     n = len(measurements)
-    assert residual_statistics(measurements, frames, np.ones(n), np.zeros(n), np.zeros(n), 1) == (1.0, 1.0)
+    assert residual_statistics(measurements, frames, np.ones(n), np.zeros(n), np.zeros(n), 1, PIECES) == (1.0, 1.0)
 
 
 def test_a_user_that_stands_still_is_judged_by_what_its_ranges_see() -> None:

@@ -20,8 +20,8 @@ from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.reporting.evaluate import evaluate
 from synchronizar.simulation.simulate import Scene, simulate
 
-SHORT = Parameters(first_stretch=20.0)
-WHOLE = Parameters(first_stretch=1000.0)
+SHORT = Parameters().changed(search={"first_stretch": 20.0})
+WHOLE = Parameters().changed(search={"first_stretch": 1000.0})
 
 
 def between(tracks: Mapping[str, Track], others: Mapping[str, Track]) -> float:
@@ -100,12 +100,12 @@ def test_the_first_stretch_is_the_whole_of_a_recording_of_two() -> None:
     assert _first_stretch(measurements, 2, 0, SHORT) == (-np.inf, np.inf)
     longer = range_measurements(simulate(Scene(seconds=42.0, seed=0)).recording, SHORT)
     begin, end = _first_stretch(longer, 2, 0, SHORT)
-    assert end - begin == pytest.approx(SHORT.first_stretch)
+    assert end - begin == pytest.approx(SHORT.search.first_stretch)
 
 
 def test_keyframes_are_far_apart_while_placements_are_compared() -> None:
     """Twenty in the first stretch, and none closer than those of the answer."""
     measurements = range_measurements(simulate(Scene(seconds=38.0, seed=0)).recording, SHORT)
     assert coarse_interval(measurements, WHOLE) == pytest.approx(float(np.ptp(measurements.t)) / 20.0)
-    assert coarse_interval(measurements, SHORT) == SHORT.keyframe_interval
-    assert coarse_interval(measurements[np.zeros(0, dtype=np.int32)], WHOLE) == WHOLE.keyframe_interval
+    assert coarse_interval(measurements, SHORT) == SHORT.slam.keyframe_interval
+    assert coarse_interval(measurements[np.zeros(0, dtype=np.int32)], WHOLE) == WHOLE.slam.keyframe_interval

@@ -14,7 +14,7 @@ from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame, apply_frames, wrap_angle
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph, calibration_dof, calibration_sigmas
-from synchronizar.graph.rigid_graph import nlos_mixture
+from synchronizar.graph.rigid_graph import bursts_of, nlos_mixture
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, common_track
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, keyframes_of
@@ -114,7 +114,7 @@ def test_flattened_samples_have_the_same_residuals() -> None:
     q_i, q_j = apply_frames(states.anchor_poses[flat.i], flat.p_i), apply_frames(states.anchor_poses[flat.j], flat.p_j)
     found = np.linalg.norm(q_i - q_j, axis=1) - flat.distance
     np.testing.assert_allclose(found, graph.residuals(states), atol=1e-12)
-    np.testing.assert_allclose(flat.sigma, np.hypot(graph.measurements.sigma, MODEL.multipath_sigma))
+    np.testing.assert_allclose(flat.sigma, np.hypot(graph.measurements.sigma, MODEL.ranges.multipath_sigma))
 
 
 # ---- the cost ----
@@ -125,9 +125,9 @@ def prior_cost(graph: PoseGraph, states: States) -> float:
     m, count = graph.parameters, len(graph.active_users)
     cost = 0.0
     sigmas = (
-        (m.scale_sigma, m.scale_common_sigma),
-        (m.bias_sigma, m.bias_common_sigma),
-        (m.clock_sigma, m.clock_common_sigma),
+        (m.devices.scale_sigma, m.devices.scale_common_sigma),
+        (m.devices.bias_sigma, m.devices.bias_common_sigma),
+        (m.devices.clock_sigma, m.devices.clock_common_sigma),
     )
     for column, (own, common) in zip(states.calibration[graph.active_users].T, sigmas, strict=True):
         covariance = own**2 * np.eye(count) + common**2
@@ -136,7 +136,7 @@ def prior_cost(graph: PoseGraph, states: States) -> float:
 
 
 def height_cost(graph: PoseGraph, states: States) -> float:
-    heights, sigma = states.anchor_poses[graph.free, 2], graph.parameters.height_sigma
+    heights, sigma = states.anchor_poses[graph.free, 2], graph.parameters.priors.height_sigma
     # Two origins lie one height_sigma apart.
     from_level = np.full(len(heights), sigma / np.sqrt(2.0))
     covariance = np.diag(from_level**2) + sigma**2 / 2.0
@@ -185,10 +185,10 @@ def test_the_judged_cost_is_that_of_bursts_of_students_steps_and_of_the_priors()
     for pair in pairs(s):
         k = pair.measurements
         columns = s.t[k], whitened[k], graph.sigma[k], s.nlos_odds[k]
-        odds, chain = burst_nlos_odds(*columns, nlos_mixture(MODEL), MODEL.late_share, MODEL.late_duration)
+        odds, chain = burst_nlos_odds(*columns, nlos_mixture(MODEL), bursts_of(MODEL))
         np.testing.assert_array_equal(em_weights.nlos_odds[k], odds)
         expected += chain * float(before.range_weight[k].mean())
-    f = MODEL.drift_tail + 4.0
+    f = MODEL.slam.drift_dof + 4.0
     for u in range(3):
         # Without a turn gtsam's difference of two poses is the plain one.
         squares = (step_errors(graph, states, u) ** 2).sum(axis=1)
@@ -219,7 +219,7 @@ def test_students_steps_are_a_mixture_of_gaussian_ones() -> None:
             k = pair.measurements
             whitened = graph.residuals(states._replace(keyframe_poses=keyframe_poses))[k] / graph.sigma[k]
             columns = ranges.t[k], whitened, graph.sigma[k], ranges.nlos_odds[k]
-            chain = burst_nlos_odds(*columns, nlos_mixture(MODEL), MODEL.late_share, MODEL.late_duration)[1]
+            chain = burst_nlos_odds(*columns, nlos_mixture(MODEL), bursts_of(MODEL))[1]
             cost -= chain * float(graph.initial_em_weights().range_weight[k].mean())
         return cost, float(em_weights.step_weight[1][2])
 
@@ -434,7 +434,7 @@ def test_the_bending_of_ranges_is_that_of_rigid_walks() -> None:
 
 def test_many_keyframes_know_no_more_of_a_height_than_few() -> None:
     """Two walkers on one level, SLAM that does not drift: what noise bends in each block must not add up."""
-    firm = replace(MODEL, drift_m_per_sqrt_s=1e-4, drift_m_per_sqrt_m=1e-4)
+    firm = MODEL.changed(slam={"drift_m_per_sqrt_s": 1e-4, "drift_m_per_sqrt_m": 1e-4})
     level = replace(CLEAN, users=2, seconds=30.0, sigma=0.1, height_spread=0.0, height_bob=0.0)
     ratios = []
     for seed in range(5):

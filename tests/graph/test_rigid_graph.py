@@ -12,13 +12,13 @@ from support.solver_scenes import register_rigid as register
 from synchronizar._core import NlosMixture, burst_nlos_odds
 from synchronizar.arrays import Array
 from synchronizar.data.user import User
-from synchronizar.graph.rigid_graph import RigidGraph, blocks_of, height_sigma_of, keys_of
+from synchronizar.graph.rigid_graph import RigidGraph, blocks_of, bursts_of, height_sigma_of, keys_of
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
 MODEL = Parameters()
-SQUARED = replace(MODEL, late_share=0.0, early_share=0.0)  # nothing is ever late: the losses are squares
+SQUARED = MODEL.changed(ranges={"nlos_share": 0.0, "short_share": 0.0})  # nothing is ever late: the losses are squares
 
 
 def test_squared_is_what_the_loss_becomes_where_nothing_is_late() -> None:
@@ -48,7 +48,7 @@ def test_the_cost_is_the_sum_of_the_losses_and_of_the_heights_about_their_level(
     simulation = simulate(Scene(users=3, static_radios=1, seconds=6.0, late_share=0.3, power=True, seed=seed))
     measurements, graph = rigid_graph(simulation.recording)
     frames = noisy(true_frames(simulation, "phone0"), seed)
-    late = NlosMixture(MODEL.late_scale, MODEL.early_share / (1.0 - MODEL.early_share))
+    late = NlosMixture(MODEL.ranges.detour_scale, MODEL.ranges.short_share / (1.0 - MODEL.ranges.short_share))
     e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
     losses = [loss_value(late, *x)[0] for x in zip(e, measurements.sigma, measurements.nlos_odds, strict=True)]
     expected = sum(losses) + height_prior(frames, np.array([0.15, 0.15, 0.15, 3.0]))
@@ -137,17 +137,17 @@ def test_before_any_range_two_equal_devices_lie_one_height_sigma_apart() -> None
     graph = lonely(User("a"), User("b"))
     covariance = graph.covariances(graph.values(np.zeros((2, 4))))[1]
     np.testing.assert_allclose(np.diag(covariance), graph.prior_variances(1))
-    assert covariance[2, 2] == pytest.approx(MODEL.height_sigma**2)
-    assert covariance[3, 3] == pytest.approx(MODEL.yaw_sigma**2)
-    assert covariance[0, 0] == pytest.approx(MODEL.place_sigma**2)
+    assert covariance[2, 2] == pytest.approx(MODEL.priors.height_sigma**2)
+    assert covariance[3, 3] == pytest.approx(MODEL.priors.yaw_sigma**2)
+    assert covariance[0, 0] == pytest.approx(MODEL.priors.place_sigma**2)
 
 
 def test_before_any_range_all_users_have_their_prior_variances() -> None:
     graph = lonely(User("a"), User("b", height_sigma=0.5), User("c", static=True), User("d", True, 0.01))
     found = graph.covariances(graph.values(np.zeros((4, 4))))
-    for u, sigma in ((1, 0.5), (2, MODEL.static_height_sigma), (3, 0.01)):
+    for u, sigma in ((1, 0.5), (2, MODEL.priors.static_height_sigma), (3, 0.01)):
         np.testing.assert_allclose(np.diag(found[u]), graph.prior_variances(u))
-        assert found[u][2, 2] == pytest.approx(0.5 * (MODEL.height_sigma**2 + sigma**2))
+        assert found[u][2, 2] == pytest.approx(0.5 * (MODEL.priors.height_sigma**2 + sigma**2))
     assert height_sigma_of(User("d", True, 0.01), MODEL) == 0.01
 
 
@@ -184,7 +184,7 @@ def test_bursts_cost_what_each_pair_s_chain_and_the_heights_cost() -> None:
     frames = noisy(true_frames(simulation, "phone0"), 1)
     graph = graph.about(frames)
     e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
-    late = NlosMixture(MODEL.late_scale, MODEL.early_share / (1.0 - MODEL.early_share))
+    late = NlosMixture(MODEL.ranges.detour_scale, MODEL.ranges.short_share / (1.0 - MODEL.ranges.short_share))
     chains = 0.0
     for pair in pairs(measurements):
         s = pair.measurements
@@ -194,11 +194,10 @@ def test_bursts_cost_what_each_pair_s_chain_and_the_heights_cost() -> None:
             measurements.sigma[s],
             measurements.nlos_odds[s],
             late,
-            MODEL.late_share,
-            MODEL.late_duration,
+            bursts_of(MODEL),
         )[1]
     _, cost = graph.with_bursts(graph.values(frames))
-    assert cost == pytest.approx(chains + height_prior(frames, np.full(3, MODEL.height_sigma)), rel=1e-9)
+    assert cost == pytest.approx(chains + height_prior(frames, np.full(3, MODEL.priors.height_sigma)), rel=1e-9)
 
 
 def test_ranges_within_a_burst_become_suspicious_and_the_others_trusted() -> None:

@@ -66,8 +66,8 @@ def noises(drift: float, seed: int) -> Array:
         seconds=60.0,
         seed=seed,
         sigma=0.1,
-        drift_m_per_sqrt_s=drift * float(np.hypot(m.drift_m_per_sqrt_s, m.drift_m_per_sqrt_m)),
-        drift_rad_per_sqrt_s=drift * float(np.hypot(m.drift_rad_per_sqrt_s, m.drift_rad_per_sqrt_m)),
+        drift_m_per_sqrt_s=drift * float(np.hypot(m.slam.drift_m_per_sqrt_s, m.slam.drift_m_per_sqrt_m)),
+        drift_rad_per_sqrt_s=drift * float(np.hypot(m.slam.drift_rad_per_sqrt_s, m.slam.drift_rad_per_sqrt_m)),
     )
     users = register(simulate(scene).recording).users.values()
     return np.array([u.slam_noise for u in users])

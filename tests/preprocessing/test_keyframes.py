@@ -19,14 +19,16 @@ from synchronizar.preprocessing.range_measurements import RangeMeasurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.simulation.simulate import Scene, simulate
 
-MODEL = Parameters(
-    drift_m_per_sqrt_s=0.3,
-    drift_m_per_sqrt_m=0.4,
-    drift_rad_per_sqrt_s=0.05,
-    drift_rad_per_sqrt_m=0.12,
-    jump_sigma_m=0.7,
-    jump_sigma_rad=0.9,
-    longest_pose_gap=1.0,
+MODEL = Parameters().changed(
+    slam={
+        "drift_m_per_sqrt_s": 0.3,
+        "drift_m_per_sqrt_m": 0.4,
+        "drift_rad_per_sqrt_s": 0.05,
+        "drift_rad_per_sqrt_m": 0.12,
+        "jump_sigma_m": 0.7,
+        "jump_sigma_rad": 0.9,
+        "longest_pose_gap": 1.0,
+    }
 )
 
 
@@ -76,7 +78,7 @@ def test_keyframes_are_poses_about_as_far_apart_as_asked_for(gaps: list[float], 
     assert (np.diff(at) > 0).all()
     assert keyframes.step_sigma.shape == (len(at) - 1, 3)
     picked = set(at.tolist())
-    broken = set((np.flatnonzero(np.diff(t) > MODEL.longest_pose_gap) + 1).tolist()) | set(begins)
+    broken = set((np.flatnonzero(np.diff(t) > MODEL.slam.longest_pose_gap) + 1).tolist()) | set(begins)
     assert {0, len(t) - 1} | broken | {n - 1 for n in broken} <= picked
     # None is due within half an interval of either end, and a keyframe is the first pose after it is due.
     assert (np.diff(keyframes.t) <= 2.0 * interval + np.diff(t, prepend=t[0]).max() + 1e-9).all()

@@ -189,7 +189,7 @@ def test_the_sigma_column_counts_and_the_model_stands_in_where_it_is_silent() ->
         [(1.0, "alice", "bob", 3.0), (2.0, "alice", "bob", 3.0)],
         sigma=np.array([0.03, np.nan]),
     )
-    assert found.sigma.tolist() == [0.03, MODEL.range_sigma]
+    assert found.sigma.tolist() == [0.03, MODEL.ranges.sigma]
 
 
 def test_quaternions_of_either_sign_give_the_same_antenna() -> None:

@@ -10,7 +10,14 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 from synchronizar.preprocessing.range_weights import measured_range_weights, neighbour_counts, prior_range_weights
 
-MODEL = Parameters(multipath_duration=3.0, multipath_neighbours=0.3, multipath_share=0.5, multipath_weight=20.0)
+MODEL = Parameters().changed(
+    ranges={
+        "multipath_duration": 3.0,
+        "multipath_neighbour_gap": 0.3,
+        "multipath_correlation": 0.5,
+        "multipath_weight": 20.0,
+    }
+)
 HZ = 4.0  # ranges a second of a pair: each has its next neighbours alone within 0.3 s, and 24 others within 3 s
 CROWD = 25
 

@@ -583,7 +583,7 @@ def test_estimates_have_bars_of_two_sigma_and_are_hollow_where_the_prior_determi
     bars = [lines.get_segments()[0] for lines in clock.collections if isinstance(lines, LineCollection)]
     np.testing.assert_allclose(bars, [[[-30, 0], [-10, 0]], [[40, 1], [60, 1]]])
     band = clock.patches[0].get_extents().transformed(clock.transData.inverted())
-    prior = 2e3 * np.hypot(Parameters().clock_sigma, Parameters().clock_common_sigma)
+    prior = 2e3 * np.hypot(Parameters().devices.clock_sigma, Parameters().devices.clock_common_sigma)
     np.testing.assert_allclose([band.x0, band.x1], [-prior, prior])
 
 

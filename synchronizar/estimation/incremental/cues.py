@@ -86,7 +86,7 @@ def _after(
     covariance = best.covariances[user]
     # By the matrix inversion lemma, for a covariance may be all but singular.
     gain = covariance @ rows.T
-    innovation = rows @ gain + (parameters.range_sigma**2 + parameters.multipath_sigma**2) * np.eye(len(rows))
+    innovation = rows @ gain + (parameters.ranges.sigma**2 + parameters.ranges.multipath_sigma**2) * np.eye(len(rows))
     covariances = best.covariances.copy()
     covariances[user] = covariance - gain @ np.linalg.solve(innovation, gain.T)
     return nearness(best._replace(covariances=covariances), user, False, extent, parameters)

@@ -212,7 +212,7 @@ class Estimator:
 
     def _due(self) -> float:
         """When the next solve is: each keyframe; while nobody is known, when the next search is."""
-        follow = self.memory.solved + self.parameters.keyframe_interval
+        follow = self.memory.solved + self.parameters.slam.keyframe_interval
         if not self._unknown():
             return follow
         followed = self.solution is not None and len(self.memory.known) > 1
@@ -223,19 +223,21 @@ class Estimator:
 
     def _check_due(self) -> bool:
         """Whether those that are known are to be looked at anew, with what else might explain their ranges."""
-        return not self._unknown() and self.memory.now >= self._searched + self.parameters.check_interval
+        return not self._unknown() and self.memory.now >= self._searched + self.parameters.incremental.check_interval
 
     def _next_search(self) -> float:
         """Those whose place is not known are looked for ever more seldom."""
         looked = self._searched - min(self.memory.since[u] for u in self._unknown())
-        return self._searched + max(self.parameters.search_least, self.parameters.search_growth * looked)
+        return self._searched + max(
+            self.parameters.incremental.search_interval, self.parameters.incremental.search_growth * looked
+        )
 
     def _move_window(self) -> None:
         """Begin the window as late as all that must be in it allows, and never earlier than before."""
         m, memory = self.parameters, self.memory
-        latest = memory.now - m.window
+        latest = memory.now - m.incremental.window
         for u in self._unknown():
-            latest = min(latest, max(memory.since[u], memory.now - m.first_stretch))
+            latest = min(latest, max(memory.since[u], memory.now - m.search.first_stretch))
         needed = memory.known & memory.since.keys() - {memory.gauge}
         able = [n for n, c in enumerate(memory.checkpoints) if c.t <= latest and all(c.has(user) for user in needed)]
         if able and able[-1] > 0:
@@ -309,7 +311,7 @@ class Estimator:
 
     def _hand_over(self) -> None:
         """Where the user that windows are told about ranges no more, another takes its place; the frame stays."""
-        late = self.stream.ranges_since(self.memory.now - self.parameters.window)[:, 1:].astype(int)
+        late = self.stream.ranges_since(self.memory.now - self.parameters.incremental.window)[:, 1:].astype(int)
         heard = np.bincount(late.ravel(), minlength=len(self.users))
         marginal_prior = self.memory.begin.marginal_prior
         if heard[self.memory.gauge] or marginal_prior is None:
@@ -373,7 +375,7 @@ class Estimator:
             if verdict is None or u == self.memory.gauge:
                 continue
             state, reason = verdict.state, verdict.reason
-            if u in self.memory.known and rejected[u] > self.parameters.largest_rejected:
+            if u in self.memory.known and rejected[u] > self.parameters.integrity.largest_rejected:
                 self.memory.known.discard(u)
                 self.memory.since[u] = now
                 self.memory.steady.pop(u, None)
@@ -382,7 +384,7 @@ class Estimator:
                 self.memory.steady.pop(u, None)
             elif self.state(u) is State.REGISTERED or self._is_steady(u, rejected[u], now, before):
                 since = self.memory.registered.setdefault(u, now)
-                proven = u in self.memory.known or now - since >= self.parameters.proven_duration
+                proven = u in self.memory.known or now - since >= self.parameters.integrity.proven_duration
                 (self.memory.known.add if proven and self._is_single(u) else self.memory.known.discard)(u)
             else:
                 self._near[u] *= _WATCHED_AT
@@ -397,30 +399,33 @@ class Estimator:
         """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are late."""
         solution, last, m = self.solution, self.stream.last_pose(user), self.parameters
         assert solution is not None
-        if now - self.memory.since[user] < m.least_duration:
+        if now - self.memory.since[user] < m.integrity.least_duration:
             return False
-        if rejected <= m.watched_share:
+        if rejected <= m.integrity.watched_share:
             return True
         since = self.memory.steady.setdefault(user, now)
         if last is not None and before is not None:
             here, there = (s.pose(user, last[1:4], _IDENTITY)[0] for s in (solution, before))
             turn = abs(wrap_angle(float(solution.last_poses[user, 3] - before.last_poses[user, 3])))
-            if not (np.linalg.norm(here - there) < 0.5 * m.largest_error and turn < 0.5 * m.largest_yaw_error):
+            if not (
+                np.linalg.norm(here - there) < 0.5 * m.integrity.largest_error
+                and turn < 0.5 * m.integrity.largest_yaw_error
+            ):
                 since = self.memory.steady[user] = now
-        return now - since >= m.watched_duration
+        return now - since >= m.integrity.watched_duration
 
     def _is_single(self, user: int) -> bool:
         """Whether one minimum alone is left for a user: of two that are still near only searches see both part."""
         assert self.solution is not None
         told = self.solution.told
         where = np.array([places(m.frames, told.extent)[user, :, :2] for m in told.hypotheses[0].components_of(user)])
-        return bool(np.linalg.norm(where - where[0], axis=2).max() < _PARTING * self.parameters.largest_error)
+        return bool(np.linalg.norm(where - where[0], axis=2).max() < _PARTING * self.parameters.integrity.largest_error)
 
     def _rejected(self, now: float) -> Array:
         """(k,) the share of each user's latest ranges that are taken for late or worse."""
         assert self.solution is not None
         measurements, inlier_probability = self.solution.graph.measurements, self.solution.told.inlier_probability
-        late = measurements.t > now - self.parameters.recent
+        late = measurements.t > now - self.parameters.incremental.recent
         out = np.zeros(len(self.users))
         for u in range(len(self.users)):
             mine = late & ((measurements.i == u) | (measurements.j == u))
@@ -436,7 +441,9 @@ class Estimator:
         unknown = {u for u in best.graph.active_users if u not in self.memory.known}
         own_height = stretch.last[:, 2] + solution.lift
         marginal_prior = marginalized(best.graph, best.states, errors, own_height).without(unknown)
-        marginal_prior = marginal_prior.aged(self.parameters.clock_walk**2 * float(np.ptp(best.graph.measurements.t)))
+        marginal_prior = marginal_prior.aged(
+            self.parameters.devices.clock_walk**2 * float(np.ptp(best.graph.measurements.t))
+        )
         reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
         reference[2] -= solution.scale(self.memory.gauge) * own_height[self.memory.gauge]
         spread = solution.covariances[self.memory.gauge, :4, :4]

@@ -53,8 +53,8 @@ class Window:
         if self.marginal_prior is None and last is None:
             solved = solve(self.repaired, self.repaired_tracks, self.gauge, parameters)
             return solved.minima, solved.noise
-        long = float(np.ptp(self.measurements.t)) > 2.0 * parameters.window
-        interval = coarse_interval(self.measurements, parameters) if long else parameters.keyframe_interval
+        long = float(np.ptp(self.measurements.t)) > 2.0 * parameters.incremental.window
+        interval = coarse_interval(self.measurements, parameters) if long else parameters.slam.keyframe_interval
         keyframes = keyframes_of_all(self.repaired, self.repaired_tracks, interval, parameters, self.noise)
         yield
         graph = PoseGraph(
@@ -91,7 +91,7 @@ def _joined(graph: PoseGraph, begun: States, marginal_prior: MarginalPrior, para
     frames = np.full_like(begun.anchor_poses, np.nan)
     frames[marginal_prior.users] = begun.anchor_poses[marginal_prior.users]
     flat = graph.to_rigid_ranges(begun._replace(anchor_poses=np.nan_to_num(begun.anchor_poses)))
-    wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search_sigma))
+    wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
     alive = [Candidate(frames, 0.0)]
     coming = [u for u in graph.active_users if u not in marginal_prior.users]
     while coming:

@@ -131,7 +131,7 @@ def _range_verdicts(
     n, samples = len(recording.ranges), range_measurements(recording, parameters)
     samples = samples[np.isin(samples.row, np.concatenate([*used, np.empty(0, dtype=np.int32)]))]
     taken, residual, weight = np.zeros(n, dtype=bool), np.full(n, np.nan), np.zeros(n)
-    taken[samples.row], weight[samples.row] = True, 1.0 / parameters.range_sigma**2
+    taken[samples.row], weight[samples.row] = True, 1.0 / parameters.ranges.sigma**2
     places = [np.empty_like(samples.p_i), np.empty_like(samples.p_i)]
     for place, of, own in zip(places, (samples.i, samples.j), (samples.p_i, samples.p_j), strict=True):
         for u, frame in frames.items():

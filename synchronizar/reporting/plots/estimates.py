@@ -38,9 +38,9 @@ class Kind(NamedTuple):
 def kinds(model: Parameters) -> tuple[Kind, Kind, Kind]:
     """In the order of DeviceSigma."""
     # Of a device by itself, before any range: its own deviation and that of its kind.
-    log_scale = SIGMAS * hypot(model.scale_sigma, model.scale_common_sigma)
-    bias = SIGMAS * hypot(model.bias_sigma, model.bias_common_sigma)
-    clock = SIGMAS * hypot(model.clock_sigma, model.clock_common_sigma)
+    log_scale = SIGMAS * hypot(model.devices.scale_sigma, model.devices.scale_common_sigma)
+    bias = SIGMAS * hypot(model.devices.bias_sigma, model.devices.bias_common_sigma)
+    clock = SIGMAS * hypot(model.devices.clock_sigma, model.devices.clock_common_sigma)
     return (
         Kind("scale", "Scale of SLAM", 1.0, ".3f", 1.0, (float(np.exp(-log_scale)), float(np.exp(log_scale)))),
         Kind("range_bias", "Bias of the radio (m)", 1.0, ".3f", 0.0, (-bias, bias)),

@@ -20,9 +20,9 @@ def range_sigma(answer: Answer) -> float:
     """m: the median of the usable ranges' own standard deviations, the model's where a recording does not say."""
     sigma = answer.ranges.sigma[answer.registration.ranges.usable]
     return (
-        float(np.median(np.where(np.isnan(sigma), Parameters().range_sigma, sigma)))
+        float(np.median(np.where(np.isnan(sigma), Parameters().ranges.sigma, sigma)))
         if len(sigma)
-        else Parameters().range_sigma
+        else Parameters().ranges.sigma
     )
 
 

@@ -41,7 +41,7 @@ def test_the_told_walk_is_the_best_by_brute_force() -> None:
     known = covariance(0.3, 0.5, yaw=0.4)
     found = cue(known, others)
     assert found is not None
-    sigma2 = MODEL.range_sigma**2 + MODEL.multipath_sigma**2
+    sigma2 = MODEL.ranges.sigma**2 + MODEL.ranges.multipath_sigma**2
     left = []
     for phi in np.arange(16) * (2.0 * np.pi / 16):
         information = np.linalg.inv(known)

@@ -31,7 +31,7 @@ NOISY = Scene(
     drift_rad_per_sqrt_s=0.005,
 )
 CLEAN = Scene(users=3, seconds=18.0, rate_hz=8.0, seed=1)
-SHORT = Parameters(window=4.0, first_stretch=8.0)
+SHORT = Parameters().changed(incremental={"window": 4.0}, search={"first_stretch": 8.0})
 TICK = 0.1  # s
 A_SOLVE = 3.2
 """s: some thirty portions, one each tick."""
@@ -328,11 +328,11 @@ def test_who_leaves_is_not_called_registered_without_a_frame_and_others_stay() -
         assert states[2] is not State.REGISTERED or frames[2] is not None
     assert told.states[-1] == [State.REGISTERED, State.REGISTERED, State.DISCONNECTED]
     went = next(t for t, events in zip(told.t, told.events, strict=True) if "phone2: disconnected" in " ".join(events))
-    assert 10.0 < went < 10.0 + SHORT.window + 2.0 * A_SOLVE
+    assert 10.0 < went < 10.0 + SHORT.incremental.window + 2.0 * A_SOLVE
 
 
 def test_who_leaves_does_not_hold_the_window_back() -> None:
-    assert left().kept[-1][0] < (SHORT.window + 1.0 + 2.0 * A_SOLVE) * CLEAN.track_rate_hz
+    assert left().kept[-1][0] < (SHORT.incremental.window + 1.0 + 2.0 * A_SOLVE) * CLEAN.track_rate_hz
 
 
 # ---- a window that is shorter than the walk ----
@@ -341,14 +341,14 @@ def test_who_leaves_does_not_hold_the_window_back() -> None:
 def test_what_is_kept_does_not_grow_with_the_walk() -> None:
     told = walked(replace(CLEAN, seconds=30.0), SHORT)
     registered = max(told.first(u, State.REGISTERED) for u in (1, 2))
-    optimum = registered + SHORT.proven_duration + SHORT.window + 2.0 * A_SOLVE
+    optimum = registered + SHORT.integrity.proven_duration + SHORT.incremental.window + 2.0 * A_SOLVE
     poses, ranges = np.array([kept for kept, t in zip(told.kept, told.t, strict=True) if t > optimum]).T
     # The window, a second before it, the last solve at which it could begin, the one after, and what came since.
-    seconds = SHORT.window + 1.0 + 3.0 * A_SOLVE
+    seconds = SHORT.incremental.window + 1.0 + 3.0 * A_SOLVE
     assert len(poses) > 50
     assert poses.max() < seconds * CLEAN.track_rate_hz
     assert ranges.max() < seconds * 3 * CLEAN.round_hz
-    assert len(told.estimator.memory.checkpoints) < SHORT.first_stretch + SHORT.window + 5.0
+    assert len(told.estimator.memory.checkpoints) < SHORT.search.first_stretch + SHORT.incremental.window + 5.0
 
 
 def test_once_all_are_known_each_solve_is_spread_over_many_updates() -> None:
