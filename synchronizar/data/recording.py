@@ -6,17 +6,19 @@ z up; lengths m, times s.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
-from synchronizar.geometry import rotate_by_quaternions
+from synchronizar.geometry import Up, rotate_by_quaternions
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,27 @@ class Recording:
         from synchronizar.io.recording_folder import load_recording
 
         return load_recording(Path(path))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        tracks: Mapping[str, tuple[ArrayLike, ArrayLike, ArrayLike]],
+        ranges: Iterable[Sequence[Any]] | Mapping[str, Sequence[Any]],
+        up: Up = "z",
+        users: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> Recording:
+        """A recording from arrays, lists or tuples instead of files.
+
+        `tracks`: of each user that moves (t, positions, quats_xyzw): stamps (n,) s of its own clock, in any order;
+        positions (n, 3) m and attitudes (n, 4) in its own SLAM frame; quaternions are normalised.
+        `ranges`: rows (t, a, b, distance): stamp (s) of the range clock, two users' names, metres; or columns by the
+        names that ranges.csv has. None, as a phone reports a failed measurement, is kept and not used.
+        `up`: which axis of the tracks points up, "z" or "y". `users`: settings by name, as in recording.toml.
+        Raises ValueError that names the argument at fault.
+        """
+        from synchronizar.io.recording_arrays import recording_from_arrays
+
+        return recording_from_arrays(tracks, ranges, up, users or {})
 
     def save(self, path: str | Path) -> None:
         """Write the folder that `load` reads; whatever else it holds is left alone.

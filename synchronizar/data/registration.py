@@ -44,7 +44,8 @@ class UserRegistration:
     reason: str
     """One sentence: why the state is what it is."""
     common_from_user: YawFrame | None
-    """Its own frame in the common one, at its last pose where SLAM drifts; None where it is disconnected."""
+    """Its own frame in the common one, at its last pose where SLAM drifts. Takes points in the axes of its own track, y
+    up where that is y up, to the common frame, z up. None where it is disconnected."""
     covariance: Array | None
     """(4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad); NaN rows for what it does not have."""
     static: bool = False
@@ -139,7 +140,7 @@ class Registration:
                 own = recording.tracks[name]
                 out[name] = replace(
                     own,
-                    position=user.common_from_user @ own.position,
-                    quat_xyzw=user.common_from_user.rotate_quaternions(own.quat_xyzw),
+                    position=user.common_from_user.z_up @ own.position,
+                    quat_xyzw=user.common_from_user.z_up.rotate_quaternions(own.quat_xyzw),
                 )
         return out

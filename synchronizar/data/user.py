@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.geometry import Up
 
 
 @dataclass(frozen=True)
@@ -19,10 +20,13 @@ class User:
 
     name: str
     static: bool = False
+    """Whether it is a radio that stands still: it has no track and no heading."""
     height_sigma: float | None = None
     """m, 1 sigma: how far its origin may lie above or below the others'; None leaves it to the model."""
     antennas: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Lever arm (m) of each named antenna in the body frame; none: one antenna at the origin."""
+    up: Up = "z"
+    """Which axis points up in its own track file; in memory every track is z up."""
 
     @property
     def levers(self) -> Array:

@@ -100,7 +100,7 @@ def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
         user.name,
         said.state,
         said.reason,
-        _frame(outcome, u, 0),
+        _frame(recording, outcome, u, 0),
         covariance,
         user.static,
         None if unseen is None else unseen / np.linalg.norm(unseen),
@@ -129,9 +129,10 @@ def _noise(outcome: Outcome, user: int) -> tuple[float, float] | None:
     return None if noise is None or np.isnan(noise[user, 0]) else (float(noise[user, 0]), float(noise[user, 1]))
 
 
-def _frame(outcome: Outcome, user: int, placement: int) -> YawFrame:
-    x, y, z, yaw = outcome.frames[placement][user].tolist()
-    return YawFrame(x, y, z, yaw, float(outcome.scale[user]))
+def _frame(recording: Recording, outcome: Outcome, u: int, placement: int) -> YawFrame:
+    user = recording.users[u]
+    x, y, z, yaw = outcome.frames[placement][u].tolist()
+    return YawFrame(x, y, z, yaw, float(outcome.scale[u]), "z" if user.static else user.up)
 
 
 def _alternatives(recording: Recording, outcome: Outcome) -> tuple[Alternative, ...]:
@@ -140,7 +141,11 @@ def _alternatives(recording: Recording, outcome: Outcome) -> tuple[Alternative, 
     return tuple(
         Alternative(
             max(cost - outcome.costs[0], 0.0),
-            {user.name: _frame(outcome, u, n) for u, user in enumerate(recording.users) if not np.isnan(frames[u, 0])},
+            {
+                user.name: _frame(recording, outcome, u, n)
+                for u, user in enumerate(recording.users)
+                if not np.isnan(frames[u, 0])
+            },
         )
         for n, (cost, frames) in enumerate(zip(outcome.costs, outcome.frames, strict=True))
     )

@@ -19,7 +19,7 @@ def load_recording(folder: Path) -> Recording:
     entries = _entries(folder)
     settings = read_recording_toml(toml) if toml in entries else Settings()
     files = _track_files(folder / "tracks") if folder / "tracks" in entries else {}
-    users = {name: User(name) for name in files} | dict(settings.users)
+    users = {name: User(name, up=settings.up) for name in files} | dict(settings.users)
     if not users:
         raise InputError(folder, "is not a recording: it has no tracks/<user>.tum")
     for user in users.values():
@@ -28,7 +28,7 @@ def load_recording(folder: Path) -> Recording:
         if not user.static and user.name not in files:
             raise InputError(toml, f"{user.name} has no track tracks/{user.name}.tum and is not static")
     by_name = tuple(users[name] for name in sorted(users))
-    tracks = {name: read_tum(file, settings.up_of_user.get(name, settings.up)) for name, file in files.items()}
+    tracks = {name: read_tum(file, users[name].up) for name, file in files.items()}
     return Recording(by_name, tracks, read_ranges_csv(folder / "ranges.csv", by_name))
 
 
@@ -43,8 +43,9 @@ def save_recording(recording: Recording, folder: Path) -> None:
     for name, file in _track_files(tracks).items():
         if name not in recording.tracks:
             raise InputError(file, f"stands in the way: {name} has no track in the recording to be saved")
-    for name, track in recording.tracks.items():
-        write_tum(tracks / f"{name}.tum", track)
+    for user in recording.users:
+        if not user.static:
+            write_tum(tracks / f"{user.name}.tum", recording.tracks[user.name], user.up)
     write_ranges_csv(folder / "ranges.csv", recording.ranges, recording.users)
     write_recording_toml(folder / "recording.toml", recording.users)
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
+from synchronizar.geometry import Up
 from synchronizar.io.text import MAX_LENGTH, MIN_SIGMA, is_name, quoted
-from synchronizar.io.tum import Up
 
 
 @dataclass(frozen=True)
@@ -23,33 +23,32 @@ class Settings:
     users: Mapping[str, User] = field(default_factory=dict)
     """Those that the file names."""
     up: Up = "z"
-    up_of_user: Mapping[str, Up] = field(default_factory=dict)
-    """Where a user's own differs from `up`, or may."""
+    """Which axis points up in the tracks of all others."""
 
 
 def read_recording_toml(path: Path) -> Settings:
     """Read the settings. Raises InputError where the file cannot be read or says what cannot be meant."""
     table = _parse(path)
     _refuse_unknown(path, "", table, ("up", "users"))
+    up = read_up(path, "up", table.get("up", Settings.up))
     users = {}
-    up_of_user = {}
     for name, settings in _table(path, "users", table.get("users", {})).items():
         where = f"users.{name}"
         if not is_name(name):
             raise InputError(path, f"{quoted(name)} cannot be the name of a user")
-        settings = _table(path, where, settings)
-        _refuse_unknown(path, where, settings, ("up", "static", "height_sigma", "antennas"))
-        users[name] = _user(path, where, name, settings)
-        if "up" in settings:
-            up_of_user[name] = _up(path, f"{where}.up", settings["up"])
-    return Settings(users, _up(path, "up", table.get("up", Settings.up)), up_of_user)
+        users[name] = read_user(path, where, name, settings, up)
+    return Settings(users, up)
 
 
-def write_recording_toml(path: Path, users: Iterable[User]) -> None:
-    """Write what is known of the users besides their tracks, which are z up."""
-    lines = ['up = "z"']
+def write_recording_toml(path: Path, users: Collection[User]) -> None:
+    """Write what is known of the users besides their tracks."""
+    ups = {user.up for user in users}
+    up: Up = ups.pop() if len(ups) == 1 else "z"
+    lines = [f'up = "{up}"']
     for user in users:
         settings = []
+        if user.up != up:
+            settings.append(f'up = "{user.up}"')
         if user.static:
             settings.append("static = true")
         if user.height_sigma is not None:
@@ -80,7 +79,13 @@ def _parse(path: Path) -> dict[str, Any]:
         raise InputError(path, f"cannot be read: {error}") from error
 
 
-def _user(path: Path, where: str, name: str, settings: dict[str, Any]) -> User:
+def read_user(path: str | Path, where: str, name: str, settings: object, up: Up) -> User:
+    """A user by its settings as recording.toml has them; `up` where they do not say.
+
+    Raises InputError that names `path` and the setting, which stands at `where`.
+    """
+    settings = _table(path, where, settings)
+    _refuse_unknown(path, where, settings, ("up", "static", "height_sigma", "antennas"))
     static = settings.get("static", False)
     if not isinstance(static, bool):
         raise InputError(path, f"{where}.static must be true or false")
@@ -91,19 +96,21 @@ def _user(path: Path, where: str, name: str, settings: dict[str, Any]) -> User:
     if static and levers:
         raise InputError(path, f"{where} is static: without an attitude its antennas have no place")
     antennas = {antenna: _lever(path, where, antenna, lever) for antenna, lever in levers.items()}
-    return User(name, static, None if height_sigma is None else float(height_sigma), antennas)
+    own_up = read_up(path, f"{where}.up", settings.get("up", up))
+    return User(name, static, None if height_sigma is None else float(height_sigma), antennas, own_up)
 
 
-def _lever(path: Path, where: str, antenna: str, lever: object) -> tuple[float, float, float]:
+def _lever(path: str | Path, where: str, antenna: str, lever: object) -> tuple[float, float, float]:
     if not is_name(antenna):
         raise InputError(path, f"{where}.antennas: {quoted(antenna)} cannot be the name of an antenna")
-    if not (isinstance(lever, list) and len(lever) == 3 and all(_is_length(x) for x in lever)):
+    if not (isinstance(lever, list | tuple) and len(lever) == 3 and all(_is_length(x) for x in lever)):
         raise InputError(path, f"{where}.antennas.{antenna} must be three numbers, [x, y, z] in m")
     x, y, z = lever
     return float(x), float(y), float(z)
 
 
-def _up(path: Path, where: str, value: object) -> Up:
+def read_up(path: str | Path, where: str, value: object) -> Up:
+    """Which axis points up. Raises InputError for anything but z and y."""
     if value == "z":
         return "z"
     if value == "y":
@@ -115,13 +122,13 @@ def _is_length(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_LENGTH
 
 
-def _table(path: Path, where: str, value: object) -> dict[str, Any]:
-    if not isinstance(value, dict):
+def _table(path: str | Path, where: str, value: object) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
         raise InputError(path, f"{where} must be a table")
-    return value
+    return dict(value)
 
 
-def _refuse_unknown(path: Path, where: str, table: Mapping[str, object], known: Sequence[str]) -> None:
+def _refuse_unknown(path: str | Path, where: str, table: Mapping[str, object], known: Sequence[str]) -> None:
     for key in table:
         if key not in known:
             place = f"{where} has" if where else "there is"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +142,7 @@ def _user_json(user: UserRegistration) -> dict[str, Any]:
     out |= {
         "covariance": None if user.covariance is None else [[_number(x) for x in row] for row in user.covariance],
         "scale": 1.0 if frame is None else frame.scale,
+        "matrix": None if frame is None else _matrix(frame, user.static),
         "range_bias": user.range_bias,
         "clock_offset": user.clock_offset,
         "sigma": None
@@ -160,6 +162,12 @@ def _user_json(user: UserRegistration) -> dict[str, Any]:
 def _place(frame: YawFrame, static: bool) -> dict[str, float | None]:
     """A static radio has no heading."""
     return dict(zip(PLACE, (frame.x, frame.y, frame.z, None if static else frame.yaw), strict=True))
+
+
+def _matrix(frame: YawFrame, static: bool) -> list[list[float]]:
+    """4x4, row by row; a static radio is not turned."""
+    rows: list[list[float]] = (replace(frame, yaw=0.0) if static else frame).matrix.tolist()
+    return rows
 
 
 def _number(x: float) -> float | None:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
-from synchronizar.geometry import QUATERNION_Z_UP_FROM_Y_UP, Z_UP_FROM_Y_UP, multiply_quaternions
+from synchronizar.geometry import Up, YawFrame
 from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, is_number, open_text, quoted
 
-Up = Literal["z", "y"]
 COLUMNS = 8
 
 
@@ -26,19 +24,34 @@ def read_tum(path: Path, up: Up = "z") -> Track:
     Quaternions are normalised. Raises InputError where the file cannot be read or a line is not a pose.
     """
     rows = _read_rows(path)
+    return track_of_rows(rows, up)
+
+
+def track_of_rows(rows: Array, up: Up) -> Track:
+    """A z-up track from poses (n, 8) t x y z qx qy qz qw in any order, of a frame with `up` as its vertical axis.
+
+    Of several poses with one stamp the last one given counts. Quaternions, none of them zero, need no unit length.
+    """
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     rows = rows[np.append(rows[1:, 0] != rows[:-1, 0], True)]
-    position, quat_xyzw = rows[:, 1:4], _normalised(rows[:, 4:])
-    if up == "y":
-        position = position @ Z_UP_FROM_Y_UP.T
-        quat_xyzw = multiply_quaternions(QUATERNION_Z_UP_FROM_Y_UP, quat_xyzw)
-    return Track(rows[:, 0], position, quat_xyzw)
+    t, position, quat_xyzw = rows[:, 0], rows[:, 1:4], unit_quaternions(rows[:, 4:])
+    if up == "z":
+        return Track(t, position, quat_xyzw)
+    z_up_from_own = YawFrame(up_b=up)
+    return Track(t, z_up_from_own @ position, z_up_from_own.rotate_quaternions(quat_xyzw))
 
 
-def write_tum(path: Path, track: Track) -> None:
-    """Write a track, z up, to a nanosecond and a nanometre. Raises InputError where the file cannot be written."""
+def write_tum(path: Path, track: Track, up: Up = "z") -> None:
+    """Write a z-up track into a file whose frame has `up` as its vertical axis, to a nanosecond and a nanometre.
+
+    Raises InputError where the file cannot be written.
+    """
+    own_from_z_up = YawFrame(up_a=up)
+    position, quat_xyzw = own_from_z_up @ track.position, own_from_z_up.rotate_quaternions(track.quat_xyzw)
+    if up == "z":
+        position, quat_xyzw = track.position, track.quat_xyzw
     with os_faults(path):
-        np.savetxt(path, np.column_stack([track.t, track.position, track.quat_xyzw]), fmt="%.9f")
+        np.savetxt(path, np.column_stack([track.t, position, quat_xyzw]), fmt="%.9f")
 
 
 def _read_rows(path: Path) -> Array:
@@ -85,7 +98,7 @@ def _first_malformed(path: Path) -> InputError:
     return InputError(path, "is not a track")
 
 
-def _normalised(quat_xyzw: Array) -> Array:
+def unit_quaternions(quat_xyzw: Array) -> Array:
     """The same quaternions (n, 4), none of them zero, of unit length; huge and tiny ones do not overflow."""
     scaled: Array = quat_xyzw / np.abs(quat_xyzw).max(axis=1, keepdims=True)
     unit: Array = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)

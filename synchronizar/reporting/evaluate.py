@@ -18,6 +18,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import YawFrame, rotation_2d, wrap_angle
+from synchronizar.io.recording_toml import Settings, read_recording_toml
 from synchronizar.io.tum import read_tum
 
 MAX_GAP_S = 0.5
@@ -100,7 +101,8 @@ def evaluate_folder(recording: Path, out: Path) -> Evaluation:
     The reference is the one that out/registration.json names, else the first by name whose truth moves. Raises
     InputError where there is no truth, no folder `out`, or a file that cannot be used.
     """
-    truth = read_tracks(recording / "truth")
+    settings = recording / "recording.toml"
+    truth = read_tracks(recording / "truth", read_recording_toml(settings) if settings.exists() else Settings())
     if not truth:
         raise InputError(recording / "truth", "holds no truth to compare with")
     return evaluate(read_tracks(out), truth, _reference(out / "registration.json", truth))
@@ -120,11 +122,16 @@ def evaluation_json(e: Evaluation) -> dict[str, object]:
     }
 
 
-def read_tracks(folder: Path) -> dict[str, Track]:
-    """The tracks of a folder by the names of their files, z up; hidden files are not tracks."""
+def read_tracks(folder: Path, settings: Settings | None = None) -> dict[str, Track]:
+    """The tracks of a folder by the names of their files; hidden files are not tracks.
+
+    z up when they come out; in the files as `settings` say, z up without.
+    """
+    settings = settings or Settings()
+    up = {name: user.up for name, user in settings.users.items()}
     with os_faults(folder):
         files = sorted(file for file in folder.iterdir() if file.suffix == ".tum" and not file.name.startswith("."))
-    return {file.stem: read_tum(file) for file in files}
+    return {file.stem: read_tum(file, up.get(file.stem, settings.up)) for file in files}
 
 
 def _reference(path: Path, truth: Mapping[str, Track]) -> str:

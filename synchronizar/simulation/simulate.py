@@ -13,7 +13,7 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
-from synchronizar.geometry import QUATERNION_Z_UP_FROM_Y_UP, Z_UP_FROM_Y_UP, YawFrame, multiply_quaternions, wrap_angle
+from synchronizar.geometry import Up, YawFrame, multiply_quaternions, wrap_angle
 from synchronizar.io.tum import write_tum
 from synchronizar.simulation.radios import Device, Measured, measure, true_distances
 from synchronizar.simulation.scene import Scene
@@ -71,12 +71,10 @@ class Simulation:
             if file.stem not in self.truth:
                 raise InputError(file, f"stands in the way: {file.stem} is not in the scene to be saved")
         self.recording.save(path)
-        if self.scene.up == "y":
-            _turn_tracks_y_up(self.recording, path)
         with os_faults(truth):
             truth.mkdir(exist_ok=True)
-        for name, track in self.truth.items():
-            write_tum(truth / f"{name}.tum", track)
+        for user in self.recording.users:
+            write_tum(truth / f"{user.name}.tum", self.truth[user.name], user.up)
         self._save_range_truth(truth / "ranges.csv")
 
     def _save_range_truth(self, path: Path) -> None:
@@ -130,6 +128,7 @@ def people_of(scene: Scene) -> tuple[People, np.random.Generator]:
     # Separate streams, so that the same people walk the same ways when only their SLAM or radios change.
     motion, slam, radio = np.random.default_rng(scene.seed).spawn(3)
     users, devices, tracks, world_from_user = [], [], {}, {}
+    up: Up = "y" if scene.up == "y" else "z"
     for i, name in enumerate(_names("phone", scene.users)):
         kind = scene.walk[i % len(scene.walk)]
         true = walk(motion, scene, kind, _pose_times(motion, scene, joins_late=i >= scene.users - scene.late_joiners))
@@ -137,13 +136,14 @@ def people_of(scene: Scene) -> tuple[People, np.random.Generator]:
         offset = scene.clock_offset_sigma * slam.standard_normal()
         true = replace(true, t=true.t + offset)
         tracks[name], world_from_user[name] = _slam(slam, scene, true)
-        users.append(User(name, antennas={str(n): tuple(lever) for n, lever in enumerate(levers.tolist())}))
+        antennas = {str(n): tuple(lever) for n, lever in enumerate(levers.tolist())}
+        users.append(User(name, antennas=antennas, up=up))
         devices.append(Device(true, False, levers, offset, scene.bias_sigma * radio.standard_normal()))
     for name in _names("radio", scene.static_radios):
         place = np.append(scene.area * motion.uniform(-0.5, 0.5, 2), motion.uniform(*RADIO_HEIGHT_M))
         true = Track(np.zeros(1), place[None, :], np.array([[0.0, 0.0, 0.0, 1.0]]))
         world_from_user[name] = YawFrame(*place.tolist())
-        users.append(User(name, static=True))
+        users.append(User(name, static=True, up=up))
         devices.append(Device(true, True, np.empty((0, 3)), 0.0, scene.bias_sigma * radio.standard_normal()))
     return People(tuple(users), tuple(devices), tracks, world_from_user), radio
 
@@ -196,19 +196,3 @@ def _slam(rng: np.random.Generator, scene: Scene, true: Track) -> tuple[Track, Y
     last = YawFrame(yaw=wrap_angle(float(world_yaw[-1])), scale=scale)
     x, y, z = (true.position[-1] - last.apply(position[-1])).tolist()
     return own, replace(last, x=x, y=y, z=z)
-
-
-def _turn_tracks_y_up(recording: Recording, path: Path) -> None:
-    """Write a saved recording's tracks anew, in frames with y up, and say so in its recording.toml."""
-    x, y, z, w = QUATERNION_Z_UP_FROM_Y_UP
-    y_up_from_z_up = np.array([-x, -y, -z, w])
-    for name, track in recording.tracks.items():
-        turned = replace(
-            track,
-            position=track.position @ Z_UP_FROM_Y_UP,
-            quat_xyzw=multiply_quaternions(y_up_from_z_up, track.quat_xyzw),
-        )
-        write_tum(path / "tracks" / f"{name}.tum", turned)
-    toml = path / "recording.toml"
-    with os_faults(toml):
-        toml.write_text(toml.read_text(encoding="utf-8").replace('up = "z"', 'up = "y"', 1), encoding="utf-8")

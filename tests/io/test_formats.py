@@ -230,17 +230,16 @@ def test_settings_are_read(toml: Path) -> None:
     assert read_recording_toml(toml) == Settings(
         users={
             "alice": User("alice", height_sigma=1.0, antennas={"10": (0.13, -0.17, 0.0)}),
-            "beacon": User("beacon", static=True),
-            "bob": User("bob"),
+            "beacon": User("beacon", static=True, up="y"),
+            "bob": User("bob", up="y"),
         },
         up="y",
-        up_of_user={"alice": "z"},
     )
 
 
 def test_empty_settings_say_nothing(toml: Path) -> None:
     toml.write_text("")
-    assert read_recording_toml(toml) == Settings(users={}, up="z", up_of_user={})
+    assert read_recording_toml(toml) == Settings(users={}, up="z")
 
 
 def test_only_what_differs_from_the_default_is_written(toml: Path) -> None:

@@ -102,6 +102,7 @@ def test_the_contract_is_kept(registration: Registration) -> None:
                 "state": "registered",
                 "reason": "reference",
                 **place(0.0, 0.0, 0.0, 0.0),
+                "matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
                 "covariance": [[0.0] * 4] * 4,
                 **exact,
                 "prior_dominated": [],
@@ -110,6 +111,7 @@ def test_the_contract_is_kept(registration: Registration) -> None:
                 "state": "ambiguous",
                 "reason": "a mirror image fits too",
                 **place(1.0, 2.0, 3.0, None),
+                "matrix": [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]],
                 "covariance": [[0.01, 0, 0, None], [0, 0.04, 0, None], [0, 0, 0.09, None], [None] * 4],
                 **exact,
                 "prior_dominated": [],
@@ -118,6 +120,7 @@ def test_the_contract_is_kept(registration: Registration) -> None:
                 "state": "registered",
                 "reason": "seen from all sides",
                 **place(4.0, -5.0, 0.5, np.pi / 2.0),
+                "matrix": pytest.approx(np.array([[0, -1, 0, 4], [1, 0, 0, -5], [0, 0, 1, 0.5], [0, 0, 0, 1]])),
                 "covariance": [[9, 0, 0, 0], [0, 4, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0.25]],
                 **exact,
                 "prior_dominated": [],
@@ -126,6 +129,16 @@ def test_the_contract_is_kept(registration: Registration) -> None:
                 "state": "unobservable",
                 "reason": "stood still",
                 **place(1.0, 1.0, 1.0, 1.0),
+                "matrix": pytest.approx(
+                    np.array(
+                        [
+                            [np.cos(1.0), -np.sin(1.0), 0, 1],
+                            [np.sin(1.0), np.cos(1.0), 0, 1],
+                            [0, 0, 1, 1],
+                            [0, 0, 0, 1],
+                        ]
+                    )
+                ),
                 "covariance": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, None]],
                 **exact,
                 "prior_dominated": ["z", "yaw"],
@@ -135,6 +148,7 @@ def test_the_contract_is_kept(registration: Registration) -> None:
                 "state": "disconnected",
                 "reason": "no ranges",
                 **place(None, None, None, None),
+                "matrix": None,
                 "covariance": None,
                 **exact,
                 "prior_dominated": [],

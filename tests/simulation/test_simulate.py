@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from synchronizar.arrays import Array, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
-from synchronizar.geometry import YawFrame, rotate_by_quaternions
+from synchronizar.geometry import Up, YawFrame, rotate_by_quaternions
 from synchronizar.io.tum import read_tum
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
@@ -320,7 +320,7 @@ def test_more_than_ten_users_stand_in_the_order_of_their_numbers() -> None:
 
 
 @pytest.mark.parametrize("up", ["z", "y"])
-def test_what_is_saved_is_read_as_it_was(tmp_path: Path, up: str) -> None:
+def test_what_is_saved_is_read_as_it_was(tmp_path: Path, up: Up) -> None:
     simulation = simulate(replace(EVERYTHING, up=up))
     simulation.save(tmp_path)
     recording = Recording.load(tmp_path)
@@ -332,7 +332,7 @@ def test_what_is_saved_is_read_as_it_was(tmp_path: Path, up: str) -> None:
         np.testing.assert_allclose(turned, rotate_by_quaternions(own.quat_xyzw, axes), atol=1e-5)
     np.testing.assert_allclose(recording.ranges.distance, simulation.recording.ranges.distance, atol=1e-4)
     for name, truth in simulation.truth.items():
-        saved = read_tum(tmp_path / "truth" / f"{name}.tum", "z")
+        saved = read_tum(tmp_path / "truth" / f"{name}.tum", up)
         np.testing.assert_allclose(saved.position, truth.position, atol=1e-5)
     header, *rows = (tmp_path / "truth" / "ranges.csv").read_text().splitlines()
     assert header == "t,a,b,late,extra"

@@ -18,7 +18,7 @@ from synchronizar.estimation.incremental.stream import Stream
 from synchronizar.geometry import moved_frames, rotation_2d
 from synchronizar.graph.marginal_prior import MarginalPrior
 
-_FORMAT = 2
+_FORMAT = 3
 _OF_CHECKPOINT = ("begin", "axes", "lift", "common", "spread")
 _MALFORMED = (ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile)
 
@@ -123,7 +123,7 @@ def save(path: str | Path, stream: Stream, memory: Memory) -> None:
     header = {
         "format": _FORMAT,
         "users": [
-            [u.name, u.static, u.height_sigma, {k: list(v) for k, v in u.antennas.items()}] for u in stream.users
+            [u.name, u.static, u.height_sigma, {k: list(v) for k, v in u.antennas.items()}, u.up] for u in stream.users
         ],
         "stream": [stream.added, stream.faults],
         "checkpoints": said,
@@ -157,8 +157,8 @@ def _read(arrays: dict[str, Any]) -> tuple[Stream, Memory]:
     if header["format"] != _FORMAT:
         raise ValueError(header["format"])
     users = tuple(
-        User(name, static, height_sigma, {k: tuple(v) for k, v in antennas.items()})
-        for name, static, height_sigma, antennas in header["users"]
+        User(name, static, height_sigma, {k: tuple(v) for k, v in antennas.items()}, up)
+        for name, static, height_sigma, antennas, up in header["users"]
     )
     stream = Stream(users)
     added, faults = header["stream"]

@@ -10,6 +10,7 @@ added here.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
 
@@ -72,7 +73,8 @@ def register_pairwise(
             )
         else:
             state, reason = State.DISCONNECTED, f"fewer than {LEAST_REDUCED} ranges to anybody who is registered"
-        told[user.name] = UserRegistration(user.name, state, reason, frames.get(u), None, user.static)
+        frame = replace(frames[u], up_b="z" if user.static else user.up) if u in frames else None
+        told[user.name] = UserRegistration(user.name, state, reason, frame, None, user.static)
     seconds = {"load": 0.0, "initialise": began_to_solve - began, "solve": perf_counter() - began_to_solve}
     ranges = _range_verdicts(recording, frames, used, parameters)
     return Registration(users[ref].name, "rigid", "pairwise", told, (), ranges, seconds)
