@@ -22,7 +22,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.ranges import papers_rate_hz
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.cues import Cue
-from synchronizar.estimation.incremental.estimator import Estimator
+from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.geometry import YawFrame, wrap_angle, yaw_quaternion
 
 WAYS = {
@@ -103,7 +103,7 @@ def walk(task: tuple[str, int]) -> Walked:
             *walkers[OTHER].place.tolist(), yaw=walkers[OTHER].world_from_user.yaw
         )
     names = ("phone0", "phone1")
-    estimator = Estimator(tuple(User(name) for name in names), names[REFERENCE])
+    engine = Engine(tuple(User(name) for name in names), names[REFERENCE])
     ranged, heard = 0.0, -np.inf
     for n in range(int(LONGEST_S * POSES_HZ)):
         t = n / POSES_HZ
@@ -112,21 +112,21 @@ def walk(task: tuple[str, int]) -> Walked:
         if way == "side by side":
             _beside(walkers)
         for name, walker in zip(names, walkers, strict=True):
-            estimator.add_pose(name, t, *walker.pose())
+            engine.add_pose(name, t, *walker.pose())
         if t >= ranged:
             ranged += 1.0 / RANGES_HZ
             distance = float(np.linalg.norm(walkers[0].place - walkers[1].place) + SIGMA_M * radio.standard_normal())
             if distance > 0.0:
-                estimator.add_range(t, *names, distance)
+                engine.add_range(t, *names, distance)
         if n % (POSES_HZ // UPDATES_HZ):
             continue
-        estimator.advance(t)
-        if estimator.is_registered(OTHER):
-            return Walked(way, t, _off(estimator, walkers))
-        cue = estimator.cue(OTHER)
+        engine.advance(t)
+        if engine.is_registered(OTHER):
+            return Walked(way, t, _off(engine, walkers))
+        cue = engine.cue(OTHER)
         if way.startswith("cues") and cue is not None and t > heard + LISTENS_S:
             heard = t
-            walkers[OTHER].goes(_in_the_room(cue, estimator, walkers[OTHER]), cue.length)
+            walkers[OTHER].goes(_in_the_room(cue, engine, walkers[OTHER]), cue.length)
     return Walked(way, np.inf, np.nan)
 
 
@@ -137,16 +137,16 @@ def _beside(walkers: list[Walker]) -> None:
     second.heading = first.heading
 
 
-def _in_the_room(cue: Cue, estimator: Estimator, walker: Walker) -> float:
+def _in_the_room(cue: Cue, engine: Engine, walker: Walker) -> float:
     """rad: the cue as an arrow in the user's own frame, and where that points."""
-    frame = estimator.frame(OTHER)
+    frame = engine.frame(OTHER)
     assert frame is not None
     return cue.direction - frame.yaw + walker.world_from_user.yaw
 
 
-def _off(estimator: Estimator, walkers: list[Walker]) -> float:
+def _off(engine: Engine, walkers: list[Walker]) -> float:
     """m, in the plane: the place of the second as the first sees it."""
-    frame = estimator.frame(OTHER)
+    frame = engine.frame(OTHER)
     assert frame is not None
     found = frame @ walkers[OTHER].pose()[0]
     true = walkers[REFERENCE].world_from_user.inverse() @ walkers[OTHER].place

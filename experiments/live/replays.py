@@ -29,7 +29,7 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Replay
-from synchronizar.estimation.incremental.estimator import Estimator
+from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.replay import A_SECOND, in_time, replay
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
@@ -183,19 +183,19 @@ def long_row(users: int, minutes: float) -> dict[str, Any]:
     scene = Scene(users=users, seconds=60.0 * minutes, rate_hz=8.0, drift_m_per_sqrt_s=0.01)
     recording = simulate(scene).recording
     names, ranges = [user.name for user in recording.users], recording.ranges
-    estimator = Estimator(recording.users, names[0])
+    engine = Engine(recording.users, names[0])
     seconds, most = [], []
     for t, user, row in in_time(recording):
         if t >= (len(seconds) + 1) / A_SECOND:
             began = perf_counter()
-            estimator.advance(t)
+            engine.advance(t)
             seconds.append(perf_counter() - began)
             most.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)
         if user >= 0:
             track = recording.tracks[names[user]]
-            estimator.add_pose(names[user], t, track.position[row], track.quat_xyzw[row])
+            engine.add_pose(names[user], t, track.position[row], track.quat_xyzw[row])
         else:
-            estimator.add_range(t, names[ranges.a[row]], names[ranges.b[row]], float(ranges.distance[row]))
+            engine.add_range(t, names[ranges.a[row]], names[ranges.b[row]], float(ranges.distance[row]))
     quarters = [float(q.sum()) for q in np.array_split(np.array(seconds), 4)]
     return {
         "users": users,
@@ -204,7 +204,7 @@ def long_row(users: int, minutes: float) -> dict[str, Any]:
         "times real time": 60.0 * minutes / sum(quarters),
         "last quarter / second": quarters[3] / quarters[1],
         **{f"GB, quarter {n + 1}": float(of[-1]) for n, of in enumerate(np.array_split(np.array(most), 4))},
-        "registered": sum(estimator.is_registered(u) for u in range(users)),
+        "registered": sum(engine.is_registered(u) for u in range(users)),
     }
 
 

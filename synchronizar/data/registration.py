@@ -66,6 +66,10 @@ class UserRegistration:
     """Where its SLAM jumped or slipped and it did not, in the order of time."""
     common_track: Track | None = None
     """Its poses in the common frame at its own stamps, SLAM's drift and jumps taken out; None where SLAM is trusted."""
+    progress: float | None = None
+    """0 to 1: how near it is to being registered; None but while people walk."""
+    cue: str | None = None
+    """Which way to walk to be registered soonest, while people walk; None where no walk would help."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,8 @@ class Registration:
     The common frame is metric; its origin and heading are the reference's own at the reference's first pose.
     """
 
-    reference: str
+    reference: str | None
+    """Whose frame the common one is; None while people walk and nobody has moved yet."""
     model: str
     method: str
     users: Mapping[str, UserRegistration]

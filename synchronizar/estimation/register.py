@@ -18,6 +18,7 @@ from synchronizar.data.registration import (
     State,
     UserRegistration,
 )
+from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.full import register_full
 from synchronizar.estimation.outcome import Outcome
@@ -44,11 +45,12 @@ def register(
     ref = reference_of(recording, reference, parameters)
     outcome = (register_full if model == "full" else register_rigid)(recording, ref, parameters)
     seconds = {"load": 0.0, "initialise": outcome.searched - began, "solve": perf_counter() - outcome.searched}
-    return registration_of(recording, outcome, ref, model, _range_verdicts(recording, outcome), seconds)
+    ranges = range_verdicts(outcome, len(recording.ranges))
+    return registration_of(recording.users, outcome, ref, model, ranges, seconds)
 
 
 def registration_of(
-    recording: Recording,
+    users: tuple[User, ...],
     outcome: Outcome,
     reference: int,
     model: str,
@@ -57,14 +59,14 @@ def registration_of(
 ) -> Registration:
     """An outcome as it is told."""
     return Registration(
-        reference=recording.users[reference].name,
+        reference=users[reference].name,
         model=model,
         method="joint",
-        users={user.name: _user(recording, outcome, u) for u, user in enumerate(recording.users)},
-        alternatives=_alternatives(recording, outcome),
+        users={user.name: _user(user, outcome, u) for u, user in enumerate(users)},
+        alternatives=_alternatives(users, outcome),
         ranges=ranges,
         seconds=seconds,
-        joint_covariance=_joint(recording, outcome),
+        joint_covariance=_joint(users, outcome),
     )
 
 
@@ -85,8 +87,8 @@ def reference_of(recording: Recording, name: str | None, parameters: Parameters)
     return user
 
 
-def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
-    user, said, jumps = recording.users[u], outcome.said[u], outcome.jumps.get(recording.users[u].name, ())
+def _user(user: User, outcome: Outcome, u: int) -> UserRegistration:
+    said, jumps = outcome.said[u], outcome.jumps.get(user.name, ())
     if said is None:
         reason = "no chain of ranges ties it to the reference"
         return UserRegistration(user.name, State.DISCONNECTED, reason, None, None, user.static, jumps=jumps)
@@ -100,7 +102,7 @@ def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
         user.name,
         said.state,
         said.reason,
-        _frame(recording, outcome, u, 0),
+        _frame(user, outcome, u, 0),
         covariance,
         user.static,
         None if unseen is None else unseen / np.linalg.norm(unseen),
@@ -114,11 +116,11 @@ def _user(recording: Recording, outcome: Outcome, u: int) -> UserRegistration:
     )
 
 
-def _joint(recording: Recording, outcome: Outcome) -> Array | None:
+def _joint(users: tuple[User, ...], outcome: Outcome) -> Array | None:
     if outcome.joint is None:
         return None
     out = outcome.joint.copy()
-    for u, user in enumerate(recording.users):
+    for u, user in enumerate(users):
         if user.static:
             out[u, 3] = out[:, :, u, 3] = np.nan
     return out
@@ -129,30 +131,26 @@ def _noise(outcome: Outcome, user: int) -> tuple[float, float] | None:
     return None if noise is None or np.isnan(noise[user, 0]) else (float(noise[user, 0]), float(noise[user, 1]))
 
 
-def _frame(recording: Recording, outcome: Outcome, u: int, placement: int) -> YawFrame:
-    user = recording.users[u]
+def _frame(user: User, outcome: Outcome, u: int, placement: int) -> YawFrame:
     x, y, z, yaw = outcome.frames[placement][u].tolist()
     return YawFrame(x, y, z, yaw, float(outcome.scale[u]), "z" if user.static else user.up)
 
 
-def _alternatives(recording: Recording, outcome: Outcome) -> tuple[Alternative, ...]:
+def _alternatives(users: tuple[User, ...], outcome: Outcome) -> tuple[Alternative, ...]:
     if len(outcome.frames) < 2:
         return ()
     return tuple(
         Alternative(
             max(cost - outcome.costs[0], 0.0),
-            {
-                user.name: _frame(recording, outcome, u, n)
-                for u, user in enumerate(recording.users)
-                if not np.isnan(frames[u, 0])
-            },
+            {user.name: _frame(user, outcome, u, n) for u, user in enumerate(users) if not np.isnan(frames[u, 0])},
         )
         for n, (cost, frames) in enumerate(zip(outcome.costs, outcome.frames, strict=True))
     )
 
 
-def _range_verdicts(recording: Recording, outcome: Outcome) -> RangeVerdicts:
-    n, row = len(recording.ranges), outcome.measurements.row
+def range_verdicts(outcome: Outcome, n: int) -> RangeVerdicts:
+    """What became of each of n ranges."""
+    row = outcome.measurements.row
     usable, used = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     weight, residual = np.zeros(n), np.full(n, np.nan)
     usable[row] = True

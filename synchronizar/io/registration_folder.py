@@ -88,7 +88,7 @@ def write_replay(replayed: Replay, recording: Recording, out_dir: str | Path) ->
             out.write(json.dumps(update_json(update, reference), allow_nan=False) + "\n")
 
 
-def update_json(update: Update, reference: str) -> dict[str, Any]:
+def update_json(update: Update, reference: str | None) -> dict[str, Any]:
     """One line of updates.jsonl: s, m, rad; None for every number that there is not."""
     return {
         "t": update.t,

@@ -14,8 +14,9 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Replay, Update, UserUpdate
-from synchronizar.estimation.incremental.estimator import Estimator
-from synchronizar.estimation.register import reference_of, register, registration_of
+from synchronizar.estimation.incremental.engine import Engine
+from synchronizar.estimation.incremental.estimator import registration_now
+from synchronizar.estimation.register import reference_of, register
 from synchronizar.parameters import Parameters
 
 A_SECOND = 10
@@ -33,10 +34,10 @@ def replay(
     parameters = parameters or Parameters()
     began = perf_counter()
     ref = reference_of(recording, reference, parameters)
-    estimator = Estimator(recording.users, recording.users[ref].name, parameters)
+    engine = Engine(recording.users, recording.users[ref].name, parameters)
     rows: dict[str, list[Array]] = {name: [] for name in recording.tracks}
     updates: list[Update] = []
-    known = _Known(estimator, recording)
+    known = _Known(engine, recording)
     names = [user.name for user in recording.users]
     columns = {f.name: getattr(recording.ranges, f.name).tolist() for f in fields(Ranges)}
     tick: int | None = None
@@ -49,32 +50,32 @@ def replay(
 
     for t, user, row in in_time(recording):
         if tick is not None and t >= (tick + 1) / A_SECOND:
-            tell(estimator.advance)
+            tell(engine.advance)
             tick = None
         if user < 0:
             optional = {name: columns[name][row] for name in _OPTIONAL if columns[name][row] == columns[name][row]}
             a, b = names[columns["a"][row]], names[columns["b"][row]]
-            estimator.add_range(t, a, b, columns["distance"][row], **optional)
+            engine.add_range(t, a, b, columns["distance"][row], **optional)
             known.rows.append(row)
             tick = int(np.floor(t * A_SECOND))
             continue
         track = recording.tracks[names[user]]
         position, quat = track.position[row], track.quat_xyzw[row]
-        estimator.add_pose(names[user], t, position, quat)
-        if estimator.solution is not None and estimator.is_registered(user):
-            place, attitude = estimator.solution.pose(user, position, quat)
+        engine.add_pose(names[user], t, position, quat)
+        if engine.solution is not None and engine.is_registered(user):
+            place, attitude = engine.solution.pose(user, position, quat)
             rows[names[user]].append(np.concatenate([[t], place, attitude]))
-    tell(estimator.complete)
+    tell(engine.complete)
     tracks = {name: _track(np.array(of_user)) for name, of_user in rows.items() if of_user}
     seconds = {"load": 0.0, "initialise": 0.0, "solve": perf_counter() - began}
     return Replay(updates, tracks, known.registration(tracks, seconds))
 
 
 class _Known:
-    """What an estimator has told so far."""
+    """What an engine has told so far."""
 
-    def __init__(self, estimator: Estimator, recording: Recording) -> None:
-        self.estimator, self.recording = estimator, recording
+    def __init__(self, engine: Engine, recording: Recording) -> None:
+        self.engine, self.recording = engine, recording
         self.rows: list[int] = []
         n = len(recording.ranges)
         self._usable, self._used = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
@@ -83,20 +84,20 @@ class _Known:
 
     def update(self, t: float, advance: Callable[[float], list[str]]) -> Update:
         """Go on to a moment, and tell."""
-        estimator, before, began = self.estimator, self.estimator.solution, perf_counter()
+        engine, before, began = self.engine, self.engine.solution, perf_counter()
         events = advance(t)
         seconds = perf_counter() - began
-        if estimator.solution is not None and estimator.solution is not before:
+        if engine.solution is not None and engine.solution is not before:
             self._read()
         users = {}
         for u, user in enumerate(self.recording.users):
-            frame, cue = estimator.frame(u), estimator.cue(u)
+            frame, cue = engine.frame(u), engine.cue(u)
             covariance = None if frame is None else self._covariances[u]
             users[user.name] = UserUpdate(
-                estimator.state(u),
+                engine.state(u),
                 frame,
                 covariance,
-                estimator.progress(u),
+                engine.progress(u),
                 user.static,
                 None if cue is None else cue.sentence,
             )
@@ -104,7 +105,7 @@ class _Known:
 
     def _read(self) -> None:
         """The verdicts of a new solution."""
-        solution, outcome = self.estimator.solution, self.estimator.outcome()
+        solution, outcome = self.engine.solution, self.engine.outcome()
         assert solution is not None
         told = outcome.covariances.copy()
         static = [u.static for u in self.recording.users]
@@ -117,18 +118,14 @@ class _Known:
     def registration(self, tracks: dict[str, Track], seconds: dict[str, float]) -> Registration:
         """At the end, about each user's last pose."""
         ranges = RangeVerdicts(self._usable, self._used, self._weight, self._residual)
-        estimator = self.estimator
-        if estimator.solution is None:
+        if self.engine.solution is None:
             nothing = replace(
                 self.recording, ranges=self.recording.ranges.select(np.zeros(len(self._used), dtype=bool))
             )
-            return replace(register(nothing, self.recording.users[estimator.reference].name), ranges=ranges)
-        told = registration_of(self.recording, estimator.outcome(), estimator.reference, "full", ranges, seconds)
-        users = {
-            name: replace(user, common_from_user=estimator.frame(u), common_track=tracks.get(name))
-            for u, (name, user) in enumerate(told.users.items())
-        }
-        return replace(told, users=users)
+            return replace(register(nothing, self.recording.users[self.engine.reference].name), ranges=ranges)
+        told = registration_now(self.engine)
+        users = {name: replace(user, common_track=tracks.get(name)) for name, user in told.users.items()}
+        return replace(told, users=users, ranges=ranges, seconds=seconds)
 
 
 def in_time(recording: Recording) -> Iterator[tuple[float, int, int]]:

@@ -54,6 +54,11 @@ class Answer:
         return list(self.registration.users)
 
     @property
+    def reference(self) -> str:
+        """Whose frame the common one is; blank where nobody's is."""
+        return self.registration.reference or ""
+
+    @property
     def corrects_slam(self) -> bool:
         """Whether the answer takes SLAM to drift and jump, and devices to have a scale, a bias and a clock."""
         return self.registration.model == "full"

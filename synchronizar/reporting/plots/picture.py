@@ -75,7 +75,7 @@ def _summary(answer: Answer) -> str:
     lines = [
         f"{len(answer.names)} devices, {len(t)} ranges in {t.max() - t.min() if len(t) else 0.0:.1f} s",
         f"ranges: {counts}",
-        f"reference {short(registration.reference)}; model {registration.model}, {registration.method}",
+        f"reference {short(answer.reference)}; model {registration.model}, {registration.method}",
         "±: 1σ at the walk's end in the plane; of the heading",
     ]
     if answer.corrects_slam:
