@@ -157,7 +157,7 @@ class RigidGraph:
         return out
 
     def _negative_curvature(self, values: gtsam.Values) -> Array:
-        """The negative height curvature of pairs as second derivatives (1/m^2), variables ordered as in `covariances`."""
+        """The negative height curvature of pairs as second derivatives (1/m^2), ordered as in `covariances`."""
         column = {u: 4 * k + 3 for k, u in enumerate(self.free)}
         out = np.zeros((4 * len(self.free) + 1, 4 * len(self.free) + 1))
         for b in self.blocks:
