@@ -1,1 +1,1 @@
-"""From range measurements to everybody's frame and a verdict on it."""
+"""From range measurements to each user's frame, its uncertainty and a verdict on it."""

@@ -1,4 +1,4 @@
-"""The full model: SLAM may drift, jump, have a wrong scale and clock, radios a bias; one graph for all of it."""
+"""Batch registration under the full model: drift, jumps, scale, clock offset and radio bias in one pose graph."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_rel
 
 
 class Solved(NamedTuple):
-    """What solving a recording as a whole leads to."""
+    """Result of the batch solve of a recording."""
 
     minima: list[LocalOptimum]
-    """Best first, all that explain the ranges."""
+    """The local optima that explain the ranges, best first."""
     noise: Array
-    """(k, 2) how many times as far as the model says each SLAM drifts, in place and in heading."""
+    """(k, 2) factors on the drift of `parameters.slam` for each user, in position and heading."""
     searched: float
-    """By perf_counter: when the search was over."""
+    """s, perf_counter at the end of the search."""
 
 
 def register_full(recording: Recording, reference: int, parameters: Parameters) -> Outcome:
-    """Everybody's frame, drift, scale, clock and radio bias."""
+    """The outcome of a recording: every user's frame, drift, scale, clock offset, radio bias and verdict."""
     repaired_tracks = {name: repair_relocalizations(track, parameters) for name, track in recording.tracks.items()}
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
     minima, noise, searched = solve(repaired, repaired_tracks, reference, parameters)
@@ -45,7 +45,7 @@ def register_full(recording: Recording, reference: int, parameters: Parameters) 
 def solve(
     repaired: Recording, repaired_tracks: dict[str, RepairedTrack], reference: int, parameters: Parameters
 ) -> Solved:
-    """The minima of a recording of which nothing is known; its tracks are `repaired_tracks`."""
+    """The local optima of a recording, solved without a start; its tracks are `repaired_tracks`."""
     measurements = range_measurements(repaired, parameters)
     active_users = connected(measurements, len(repaired.users), reference)
     measurements = measurements[np.isin(measurements.i, active_users)]
@@ -56,7 +56,7 @@ def solve(
     fine = keyframes_of_all(repaired, repaired_tracks, parameters.slam.keyframe_interval, parameters)
     graph = PoseGraph(repaired, measurements, fine, active_users, reference, parameters)
     minima, noise = _refined(repaired, repaired_tracks, found, graph, parameters)
-    if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # what ranges are worth may turn their order
+    if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
         minima, noise = _refined(repaired, repaired_tracks, [minima[1], *found], graph, parameters)
     return Solved(minima, noise, searched)
 
@@ -68,9 +68,9 @@ def _refined(
     graph: PoseGraph,
     parameters: Parameters,
 ) -> tuple[list[LocalOptimum], Array]:
-    """The first minimum at the keyframes of `graph`, those others that explain the ranges too, and the noise of SLAM.
+    """The first optimum at the keyframes of `graph`, the others that explain the ranges, and the step noise (k, 2).
 
-    All with the noise (k, 2) that each device's SLAM is found to have.
+    All of them with the step noise estimated for each device (`step_noise`).
     """
     best = with_measured_weights(found[0])
     noise = step_noise(best.graph, best.states, best.em_weights)
@@ -90,11 +90,11 @@ def keyframes_of_all(
     parameters: Parameters,
     noise: Array | None = None,
 ) -> list[Keyframes]:
-    """Of every user. `noise` (k, 2): how many times as far as the model says each SLAM drifts; None: as it says."""
-    times = np.ones((len(recording.users), 2)) if noise is None else noise
+    """Keyframes of every user, `interval` s apart; `noise` (k, 2) are factors on the drift of `parameters.slam`."""
+    factors = np.ones((len(recording.users), 2)) if noise is None else noise
     return [
         STATIC_KEYFRAME
         if user.static
         else keyframes_of(repaired_tracks[user.name], interval, parameters, (place, heading))
-        for user, (place, heading) in zip(recording.users, times.tolist(), strict=True)
+        for user, (place, heading) in zip(recording.users, factors.tolist(), strict=True)
     ]

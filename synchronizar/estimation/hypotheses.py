@@ -1,4 +1,4 @@
-"""The minima gathered into joint placements that differ, each with its uncertainty."""
+"""Local optima grouped into hypotheses: joint frames that differ by more than the largest error, with covariances."""
 
 from __future__ import annotations
 
@@ -11,49 +11,50 @@ from synchronizar.arrays import Array, Mask
 from synchronizar.geometry import apply_frames, difference, wrap_angle
 from synchronizar.parameters import Parameters
 
-SAME = 0.01  # m and rad: minima that are closer are one
+SAME = 0.01  # m and rad: optima that are closer are one
 
 
 class GaussianComponent(NamedTuple):
-    """One of the minima that make a placement: a Gaussian about it (Laplace's method)."""
+    """One component of a hypothesis's Gaussian mixture: a local optimum and its covariance (Laplace's method)."""
 
     weight: float
-    """The share of the placement's probability."""
+    """Its share of the hypothesis's probability."""
     frames: Array
-    """(k, 4) x, y, z, yaw."""
+    """(k, 4) x, y, z (m), yaw (rad)."""
     covariances: Array
     """(k, 4, 4) of additive errors in x, y, z (m, common axes) and yaw (rad)."""
 
 
 class Hypothesis(NamedTuple):
-    """A joint placement and its uncertainty: minima that are all but the same are one.
+    """Frames of all users and their uncertainty: a Gaussian mixture over local optima that are nearly the same.
 
-    Who is all but the same in all joint placements has the mean and covariance over the minima of all of them.
+    A user whose frame is nearly the same in all hypotheses has the mean and covariance over the optima of all of them.
     """
 
     cost: float
-    """Negative log likelihood of its best minimum."""
+    """Negative log likelihood of its best optimum."""
     frames: Array
-    """(k, 4) x, y, z, yaw: the mean over its minima."""
+    """(k, 4) x, y, z (m), yaw (rad): the mean of the mixture."""
     covariances: Array
-    """(k, 4, 4) about that mean, of additive errors in x, y, z (m, common axes) and yaw (rad)."""
+    """(k, 4, 4) of the mixture, of additive errors in x, y, z (m, common axes) and yaw (rad)."""
     minima: list[GaussianComponent]
-    of_all: list[GaussianComponent] | None = None
-    """The minima of all joint placements, where there are others."""
-    optimum: Mask | None = None
-    """(k,) who is all but the same in all of them."""
+    """The mixture's components, best first."""
+    all_components: list[GaussianComponent] | None = None
+    """The components of all hypotheses, where there is more than one."""
+    agreed: Mask | None = None
+    """(k,) whether the user's frame is nearly the same in all hypotheses; None where there is one only."""
 
     def components_of(self, user: int) -> list[GaussianComponent]:
-        """Those that matter for a user."""
-        if self.of_all is None or self.optimum is None or not self.optimum[user]:
+        """The mixture of a user's frame: over all hypotheses where these agree on it, else over this one."""
+        if self.all_components is None or self.agreed is None or not self.agreed[user]:
             return self.minima
-        return self.of_all
+        return self.all_components
 
 
 class _Optimum(Protocol):
     @property
     def frames(self) -> Array:
-        """(k, 4) x, y, z, yaw."""
+        """(k, 4) x, y, z (m), yaw (rad)."""
 
     @property
     def cost(self) -> float:
@@ -66,10 +67,10 @@ M = TypeVar("M", bound=_Optimum)
 def hypotheses(
     minima: Sequence[M], covariances: Callable[[M], Array], extent: Array, parameters: Parameters
 ) -> list[Hypothesis]:
-    """Minima (best first) gathered into placements that differ; `covariances` gives the (k, 4, 4) of one.
+    """Local optima (best first) grouped into hypotheses; `covariances` returns the (k, 4, 4) of an optimum.
 
-    `extent` (k, c, 3) are points of each user's walk in its own frame; minima that move none of them by more than
-    `parameters.integrity.largest_error` are the same placement.
+    `extent` (k, c, 3) m are the extent points of each user's track in its own frame. Optima that move none of them by
+    `parameters.integrity.largest_error` or more are one hypothesis.
     """
     groups: list[list[M]] = []
     for s in minima:
@@ -79,12 +80,12 @@ def hypotheses(
                 break
         else:
             groups.append([s])
-    apart = [_merge([_laplace(s, covariances) for s in _distinct(group)]) for group in groups]
-    return apart if len(apart) == 1 else _pooled(apart, extent, parameters)
+    distinct = [_merge([_laplace(s, covariances) for s in _distinct(group)]) for group in groups]
+    return distinct if len(distinct) == 1 else _pool(distinct, extent, parameters)
 
 
 def _distinct(group: list[M]) -> list[M]:
-    """Those that do not repeat each other."""
+    """The optima without those within `SAME` of a better one."""
     out = group[:1]
     for s in group[1:]:
         if all(np.nanmax(np.abs(difference(s.frames, d.frames))) > SAME for d in out):
@@ -93,20 +94,20 @@ def _distinct(group: list[M]) -> list[M]:
 
 
 def _laplace(s: M, covariances: Callable[[M], Array]) -> tuple[float, GaussianComponent]:
-    """Its cost, and the Gaussian about it."""
+    """The cost of an optimum, and the Gaussian about it."""
     return s.cost, GaussianComponent(1.0, s.frames, covariances(s))
 
 
 def _merge(gaussians: list[tuple[float, GaussianComponent]]) -> Hypothesis:
-    """Their mixture, weighed by what they cost, the best one first; its first two moments."""
+    """The hypothesis of some Gaussians, best first: their mixture with weights exp(-cost), its mean and covariance."""
     best = gaussians[0][1]
     log_weight = -np.array([cost for cost, _ in gaussians])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    away = np.array([difference(m.frames, best.frames) for _, m in gaussians])
+    offset = np.array([difference(m.frames, best.frames) for _, m in gaussians])
     within = np.array([m.covariances for _, m in gaussians])
-    mean = np.einsum("m,mkc->kc", weight, away)
-    spread = away - mean
+    mean = np.einsum("m,mkc->kc", weight, offset)
+    spread = offset - mean
     covariance = np.einsum("m,mkcd->kcd", weight, within) + np.einsum("m,mkc,mkd->kcd", weight, spread, spread)
     frames = best.frames + mean
     frames[:, 3] = wrap_angle(frames[:, 3])
@@ -114,28 +115,28 @@ def _merge(gaussians: list[tuple[float, GaussianComponent]]) -> Hypothesis:
     return Hypothesis(gaussians[0][0], frames, covariance, minima)
 
 
-def _pooled(apart: list[Hypothesis], extent: Array, parameters: Parameters) -> list[Hypothesis]:
-    """The same; those who are near in all of them as all of them have it."""
-    of_all = _merge([(p.cost - np.log(m.weight / p.minima[0].weight), m) for p in apart for m in p.minima])
-    best = of_all.minima[0]
-    away = np.fmax.reduce([moved(m.frames, best.frames, extent) for m in of_all.minima])
-    near = np.asarray(away < parameters.integrity.largest_error)
+def _pool(distinct: list[Hypothesis], extent: Array, parameters: Parameters) -> list[Hypothesis]:
+    """The same hypotheses; users on which all agree get the mean and covariance of the mixture over all."""
+    merged = _merge([(p.cost - np.log(m.weight / p.minima[0].weight), m) for p in distinct for m in p.minima])
+    best = merged.minima[0]
+    apart = np.fmax.reduce([moved(m.frames, best.frames, extent) for m in merged.minima])
+    near = np.asarray(apart < parameters.integrity.largest_error)
     return [
         p._replace(
-            frames=np.where(near[:, None], of_all.frames, p.frames),
-            covariances=np.where(near[:, None, None], of_all.covariances, p.covariances),
-            of_all=of_all.minima,
-            optimum=near,
+            frames=np.where(near[:, None], merged.frames, p.frames),
+            covariances=np.where(near[:, None, None], merged.covariances, p.covariances),
+            all_components=merged.minima,
+            agreed=near,
         )
-        for p in apart
+        for p in distinct
     ]
 
 
 def moved(frames: Array, others: Array, extent: Array) -> Array:
-    """(k,) m: how far two joint placements (k, 4) lie apart for each user, at the corner (k, c, 3) where it is most."""
+    """(k,) m: largest distance between two frames (k, 4) of each user, over its extent points (k, c, 3)."""
     return np.asarray(np.linalg.norm(places(frames, extent) - places(others, extent), axis=2).max(axis=1))
 
 
 def places(frames: Array, extent: Array) -> Array:
-    """(k, c, 3) m: where points (k, c, 3) of each user's own frame lie in the common one, by frames (k, 4)."""
+    """(k, c, 3) m: points (k, c, 3) m of each user's own frame, transformed to the common one by frames (k, 4)."""
     return apply_frames(frames[:, None], extent)

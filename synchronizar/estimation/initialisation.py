@@ -1,7 +1,7 @@
-"""Ranges -> where each frame could be: joint placements of all users, found without a start that has to be lucky.
+"""Initialisation: candidates for all users' frames from ranges alone, by a global search that needs no start.
 
-Users are added one at a time, each against all that are placed already, beginning with the two that see each other
-best. Every placement that explains the ranges is followed (a user that walks a line has a mirror image, for one) until
+Users are added one at a time, each by its ranges to all added before, beginning with the pair that observes each other
+best. Every candidate that explains the ranges is kept (a user that walks a line has a mirror image, for one) until
 ranges to others exclude it.
 """
 
@@ -21,16 +21,16 @@ from synchronizar.preprocessing.range_measurements import RangeMeasurements, pai
 
 
 class Candidate(NamedTuple):
-    """A joint placement that explains the ranges."""
+    """Frames of several users that explain the ranges between them."""
 
     frames: Array
-    """(k, 4) x, y, z, yaw: common_from_user of every user; NaN where it is not placed."""
+    """(k, 4) x, y, z (m), yaw (rad): common_from_user; NaN for users not added yet."""
     cost: float
-    """Negative log likelihood, up to a constant that all hypotheses share."""
+    """Negative log likelihood, up to a constant that all candidates share."""
 
 
 def connected(measurements: RangeMeasurements, users: int, reference: int) -> list[int]:
-    """The users that a chain of ranges ties to the reference, itself included, sorted."""
+    """The users connected to the reference by a chain of ranges, itself included, sorted."""
     reached = np.zeros(users, dtype=bool)
     reached[reference] = True
     links = np.unique(np.stack([measurements.i, measurements.j]), axis=1)
@@ -50,13 +50,13 @@ def joint_placements(
     reference: int,
     parameters: Parameters,
 ) -> list[Candidate]:
-    """Joint placements of the active users (the reference among them) in its frame, best first."""
+    """Candidates for the frames of the active users (the reference among them) in the reference's frame, best first."""
     if len(active_users) == 1:
         frames = np.full((len(users), 4), np.nan)
         frames[reference] = 0.0
         return [Candidate(frames, 0.0)]
-    sight, spread = _sights(measurements, len(users))
-    order = _order(sight, spread, np.array([user.static for user in users]), active_users)
+    observability, spread = _observability(measurements, len(users))
+    order = _order(observability, spread, np.array([user.static for user in users]), active_users)
     frames = np.full((len(users), 4), np.nan)
     frames[order[0]] = 0.0
     alive = [Candidate(frames, 0.0)]
@@ -65,10 +65,11 @@ def joint_placements(
     return [Candidate(relative_to(h.frames, reference), h.cost) for h in alive]
 
 
-def _sights(measurements: RangeMeasurements, users: int) -> tuple[Array, Array]:
-    """How well each two users (k, k) are likely to tell their placement, a rough measure for an order only.
+def _observability(measurements: RangeMeasurements, users: int) -> tuple[Array, Array]:
+    """How well each two users (k, k) are likely to observe their relative frame, a rough measure for an order only.
 
-    And how far each (k,) spreads (m): its places' smaller principal 1 sigma in the plane and a tenth of the larger.
+    (spread of i + spread of j) / mean distance * sqrt(number of ranges); -1 without ranges. And the spread (k,) m of
+    each user: the smaller principal 1 sigma of its antenna positions in the plane plus a tenth of the larger.
     """
     begin = np.array([pair.measurements.start for pair in pairs(measurements)])
     count = np.diff([*begin, len(measurements)])
@@ -87,32 +88,32 @@ def _sights(measurements: RangeMeasurements, users: int) -> tuple[Array, Array]:
 
     spread_i, spread_j = spread_of(measurements.p_i), spread_of(measurements.p_j)
     reach = np.maximum(mean(measurements.distance), 0.5)
-    sight = np.full((users, users), -1.0)
-    sight[i, j] = sight[j, i] = (spread_i + spread_j) / reach * np.sqrt(count)
+    observability = np.full((users, users), -1.0)
+    observability[i, j] = observability[j, i] = (spread_i + spread_j) / reach * np.sqrt(count)
     spread = np.zeros(users)
     np.maximum.at(spread, i, spread_i)
     np.maximum.at(spread, j, spread_j)
-    return sight, spread
+    return observability, spread
 
 
-def _order(sight: Array, spread: Array, static: Mask, active_users: list[int]) -> list[int]:
-    """The users in the order in which they are placed: each next one has the best sight of one before it.
+def _order(observability: Array, spread: Array, static: Mask, active_users: list[int]) -> list[int]:
+    """The users in the order in which they are added: each next one is best observed by one before it.
 
-    The first has a heading, and is of the two that see each other best the one that moves more.
+    The first is not static; of the pair that observes each other best it is the one that moves more.
     """
-    of_moving = np.where(static[:, None] & static[None, :], -1.0, sight)
-    ends = np.array(np.unravel_index(np.argmax(of_moving), sight.shape))
+    of_moving = np.where(static[:, None] & static[None, :], -1.0, observability)
+    ends = np.array(np.unravel_index(np.argmax(of_moving), observability.shape))
     first = int(ends[np.argmax(np.where(static[ends], -1.0, spread[ends]))])
     order = [first]
     while len(order) < len(active_users):
-        best = sight[order].max(axis=0)
+        best = observability[order].max(axis=0)
         best[order] = -2.0
         order.append(int(np.argmax(best)))
     return order
 
 
 def _links(measurements: RangeMeasurements, user: int, active_users: Mask) -> tuple[Indices, Indices]:
-    """The samples between a user and placed ones, and which end (0 for i, 1 for j) the user is."""
+    """Rows of the ranges between a user and `active_users`, and which end (0 for i, 1 for j) the user is."""
     mine = ((measurements.i == user) & active_users[measurements.j]) | (
         (measurements.j == user) & active_users[measurements.i]
     )
@@ -121,7 +122,7 @@ def _links(measurements: RangeMeasurements, user: int, active_users: Mask) -> tu
 
 
 def _known_positions(measurements: RangeMeasurements, frames: Array, rows: Indices, end: Indices, own: Array) -> Array:
-    """The other ends' antennas (n, 3) in the common frame."""
+    """(n, 3) m, the other ends' antennas in the common frame."""
     other = np.where(end == 0, measurements.j[rows], measurements.i[rows])
     return apply_frames(frames[other], own[1 - end, rows])
 
@@ -129,14 +130,14 @@ def _known_positions(measurements: RangeMeasurements, frames: Array, rows: Indic
 def extend(
     measurements: RangeMeasurements, alive: list[Candidate], users: tuple[User, ...], user: int, parameters: Parameters
 ) -> list[Candidate]:
-    """Each hypothesis with one more user, wherever its ranges to those that are placed allow; best first."""
+    """Each candidate with one more user, at every frame that its ranges to the users in it allow; best first."""
     own = np.stack([measurements.p_i, measurements.p_j])
     grown = []
-    for hypothesis in alive:
-        active_users = ~np.isnan(hypothesis.frames[:, 0])
+    for candidate in alive:
+        active_users = ~np.isnan(candidate.frames[:, 0])
         rows, end = _links(measurements, user, active_users)
         found = search_placements(
-            _known_positions(measurements, hypothesis.frames, rows, end, own),
+            _known_positions(measurements, candidate.frames, rows, end, own),
             own[end, rows],
             measurements.distance[rows],
             measurements.sigma[rows],
@@ -150,9 +151,9 @@ def extend(
             parameters.search.cost_alive,
         )
         for placement in found:
-            frames = hypothesis.frames.copy()
+            frames = candidate.frames.copy()
             frames[user] = placement[:4]
-            grown.append(Candidate(frames, hypothesis.cost + float(placement[4])))
+            grown.append(Candidate(frames, candidate.cost + float(placement[4])))
     grown.sort(key=lambda h: h.cost)
     return [
         h for h in grown[: parameters.search.most_hypotheses] if h.cost <= grown[0].cost + parameters.search.cost_alive

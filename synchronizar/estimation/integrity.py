@@ -1,4 +1,4 @@
-"""What can be said of each user's placement, and how sure it is."""
+"""Integrity: whether each user is registered, ambiguous or unobservable, by the probability of a wrong frame."""
 
 from __future__ import annotations
 
@@ -17,45 +17,52 @@ from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import Parameters
 
 _NAMES = ("x", "y", "z", "yaw")
-_LEAST = 1e-9  # m and rad: a sigma that is none
-_DIRECTIONS = 32  # of a quarter turn
+_LEAST = 1e-9  # m and rad: lower bound of a sigma that is divided by
+_DIRECTIONS = 32  # in a quarter turn
 
 
-class Placed(Protocol):
-    """What a graph tells of its users: RigidGraph and AnchoredGraph both do."""
+class GraphUsers(Protocol):
+    """The users of a graph and their priors; RigidGraph and PoseGraph have them."""
 
     users: tuple[User, ...]
     reference: int
     free: list[int]
 
     def prior_variances(self, user: int) -> Array:
-        """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
+        """(4,) prior variances of x, y, z (m^2) and yaw (rad^2) relative to the reference."""
 
 
 class Verdict(NamedTuple):
-    """One user's."""
+    """State of one user's registration, with the reason."""
 
     state: State
     reason: str
     unseen_direction: Array | None = None
+    """(4,) unit vector in x, y, z (m, common axes), yaw (rad) of the largest uncertainty, where that is the reason."""
     prior_dominated: tuple[str, ...] = ()
+    """Which of x, y, z, yaw have a posterior variance above half the prior's."""
 
 
 def verdicts(
     found: list[Hypothesis],
     fit: dict[int, ResidualStatistics],
-    graph: Placed,
+    graph: GraphUsers,
     extent: Array,
     parameters: Parameters,
     registered: Collection[int] = (),
 ) -> list[Verdict | None]:
-    """The verdict on each user that is placed; of users that are `registered` already, whether they still are."""
+    """The verdict on each active user, None for the others.
+
+    `found` are the hypotheses, best first, `fit` the residual statistics by user, `extent` (k, c, 3) m the extent
+    points of each user's track in its own frame. Users that are `registered` already stay so up to a higher
+    probability of being wrong.
+    """
     best = found[0]
-    away = np.zeros(len(graph.users))
+    apart = np.zeros(len(graph.users))
     for other in found[1:]:
-        away = np.fmax(away, moved(best.frames, other.frames, extent))
-    said: list[Verdict | None] = [None] * len(graph.users)
-    said[graph.reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
+        apart = np.fmax(apart, moved(best.frames, other.frames, extent))
+    out: list[Verdict | None] = [None] * len(graph.users)
+    out[graph.reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
     for u in graph.free:
         prior = graph.prior_variances(u)
         dominated = tuple(
@@ -65,18 +72,18 @@ def verdicts(
         )
         wrong_share = parameters.integrity.wrong_share_kept if u in registered else parameters.integrity.wrong_share
         state, reason, direction = _state(best, u, graph.users[u].static, extent[u], wrong_share, parameters)
-        doubted = fit[u].rejected > 0.5 and fit[u].inflation > parameters.integrity.systematic_inflation
-        if doubted or fit[u].rejected > parameters.integrity.largest_rejected:
+        inconsistent = fit[u].rejected > 0.5 and fit[u].inflation > parameters.integrity.systematic_inflation
+        if inconsistent or fit[u].rejected > parameters.integrity.largest_rejected:
             reason = f"{fit[u].rejected:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
             state = State.UNOBSERVABLE
-        if away[u] > parameters.integrity.largest_error and state is State.REGISTERED:
+        if apart[u] > parameters.integrity.largest_error and state is State.REGISTERED:
             state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
-        said[u] = Verdict(state, reason, direction, dominated)
-    return said
+        out[u] = Verdict(state, reason, direction, dominated)
+    return out
 
 
 def nearness(best: Hypothesis, user: int, static: bool, extent: Array, parameters: Parameters) -> float:
-    """How many times its sigmas could grow before a user were not registered; below 1 it is not."""
+    """The factor by which a user's sigmas may grow until it is no longer registered; below 1 it is not registered."""
     normal = NormalDist()
     in_plane = parameters.integrity.largest_error / np.sqrt(-2.0 * np.log(parameters.integrity.wrong_share))
     in_line = normal.inv_cdf(1.0 - 0.5 * parameters.integrity.wrong_share)
@@ -92,11 +99,11 @@ def nearness(best: Hypothesis, user: int, static: bool, extent: Array, parameter
 def _state(
     best: Hypothesis, user: int, static: bool, extent: Array, wrong_share: float, parameters: Parameters
 ) -> tuple[State, str, Array | None]:
-    """Registered if an error in place, anywhere on its walk, or heading beyond the limits is improbable.
+    """State, reason and least observable direction (4,) of a user.
 
-    If not: what is seen least.
+    Registered where errors beyond the limits, in position anywhere on the user's track or in yaw, are improbable.
     """
-    in_plane, in_height, in_heading = _wrong(best, user, extent, parameters)
+    in_plane, in_height, in_heading = _wrong_probabilities(best, user, extent, parameters)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
     level, level_error = _largest_spread(covariance, yaw, extent, [0, 1])
     height, height_error = _largest_spread(covariance, yaw, extent, [2])
@@ -113,40 +120,42 @@ def _state(
     return State.REGISTERED, f"its place is known to {max(level, height):.2f} m (1 sigma)", None
 
 
-def _wrong(best: Hypothesis, user: int, extent: Array, parameters: Parameters) -> tuple[float, float, float]:
-    """The probability, by the mixture of its minima, that a user is wrong in the plane, in height, in heading.
+def _wrong_probabilities(
+    best: Hypothesis, user: int, extent: Array, parameters: Parameters
+) -> tuple[float, float, float]:
+    """Probabilities that a user's error is beyond the limit in the plane, in height, in yaw, over the mixture.
 
-    Of a minimum at distance d from the placement, an error in the plane beyond the limit has at most the probability of
-    one beyond limit - d.
+    For a component at distance d from the mean, the probability of an error in the plane beyond the limit is bounded by
+    that of an error beyond limit - d about the component.
     """
     limit = parameters.integrity.largest_error
     own = extent[None]
-    here = places(best.frames[[user]], own)
+    mean_points = places(best.frames[[user]], own)
     plane = height = heading = 0.0
-    for minimum in best.components_of(user):
-        frames, covariance = minimum.frames[[user]], minimum.covariances[user]
-        off = (places(frames, own) - here)[0]
-        away = max(limit - float(np.hypot(off[:, 0], off[:, 1]).max()), 0.0)
-        plane += minimum.weight * _beyond_in_plane(away, *_axes(covariance, frames[0, 3], extent))
+    for component in best.components_of(user):
+        frames, covariance = component.frames[[user]], component.covariances[user]
+        off = (places(frames, own) - mean_points)[0]
+        margin = max(limit - float(np.hypot(off[:, 0], off[:, 1]).max()), 0.0)
+        plane += component.weight * _beyond_in_plane(margin, *_axes(covariance, frames[0, 3], extent))
         sigma, _ = _largest_spread(covariance, frames[0, 3], extent, [2])
-        height += minimum.weight * _beyond(limit, off[0, 2], sigma)
-        turned = wrap_angle(float(frames[0, 3] - best.frames[user, 3]))
-        heading += minimum.weight * _beyond(
-            parameters.integrity.largest_yaw_error, turned, float(np.sqrt(covariance[3, 3]))
+        height += component.weight * _beyond(limit, off[0, 2], sigma)
+        yaw_error = wrap_angle(float(frames[0, 3] - best.frames[user, 3]))
+        heading += component.weight * _beyond(
+            parameters.integrity.largest_yaw_error, yaw_error, float(np.sqrt(covariance[3, 3]))
         )
     return plane, height, heading
 
 
 def _beyond(limit: float, mean: float, sigma: float) -> float:
-    """P(|x| > limit) of a normal x."""
+    """P(|x| > limit) of a normal x with this mean and 1 sigma."""
     normal = NormalDist(mean, max(sigma, _LEAST))
     return 1.0 - normal.cdf(limit) + normal.cdf(-limit)
 
 
 def _beyond_in_plane(limit: float, long: float, short: float) -> float:
-    """P(|e| > limit) of a normal e in the plane with these 1 sigma along its axes.
+    """P(|e| > limit) of a zero-mean normal e in the plane with 1 sigma `long` and `short` along its axes.
 
-    The mean over all directions of e of that of a normal in one direction, in polar coordinates of the whitened plane:
+    In polar coordinates of the whitened plane it is the mean over the angle of
     exp(-limit^2 / (2 (long^2 cos^2 + short^2 sin^2))).
     """
     phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
@@ -155,15 +164,15 @@ def _beyond_in_plane(limit: float, long: float, short: float) -> float:
 
 
 def _axes(covariance: Array, yaw: float, extent: Array) -> tuple[float, float]:
-    """1 sigma (m) along both axes of the ellipse in the plane of the corner where the long one is longest."""
-    jacobians = _by_frame(yaw, extent)[:, :2]
+    """1 sigma (m), long and short axis, of the horizontal error ellipse of the extent point with the longest axis."""
+    jacobians = _extent_jacobians(yaw, extent)[:, :2]
     variances = np.linalg.eigvalsh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     short, long = np.sqrt(np.maximum(variances[np.argmax(variances[:, 1])], 0.0)).tolist()
     return long, short
 
 
-def _by_frame(yaw: float, extent: Array) -> Array:
-    """(c, 3, 4) derivatives of where corners (c, 3) lie by x, y, z, yaw of the frame."""
+def _extent_jacobians(yaw: float, extent: Array) -> Array:
+    """(c, 3, 4) derivatives of the extent points (c, 3) in the common frame by x, y, z, yaw of the user's frame."""
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = c * extent[:, 0] - s * extent[:, 1], s * extent[:, 0] + c * extent[:, 1]
     jacobians = np.zeros((len(extent), 3, 4))
@@ -173,11 +182,11 @@ def _by_frame(yaw: float, extent: Array) -> Array:
 
 
 def _largest_spread(covariance: Array, yaw: float, extent: Array, axes: list[int]) -> tuple[float, Array]:
-    """The largest 1 sigma (m) of the place of any corner (c, 3) in these axes of the common frame.
+    """The largest 1 sigma (m) of any extent point (c, 3) in these axes of the common frame.
 
-    And the unit error of (x, y, z, yaw) that goes with it.
+    And the unit vector (4,) of errors in x, y, z, yaw that go with it.
     """
-    jacobians = _by_frame(yaw, extent)[:, axes]
+    jacobians = _extent_jacobians(yaw, extent)[:, axes]
     variances, directions = np.linalg.eigh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     worst = int(np.argmax(variances[:, -1]))
     error = covariance @ jacobians[worst].T @ directions[worst, :, -1]

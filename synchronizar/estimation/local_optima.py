@@ -1,4 +1,4 @@
-"""Minima of an anchored graph: those that the search's placements lead to, and their mirror images."""
+"""Local optima of a pose graph: from the candidates of the search, from their mirror images and from SLAM slips."""
 
 from __future__ import annotations
 
@@ -24,58 +24,60 @@ _FIRST_ROUNDS = 2
 _ROUNDS = 8
 _MEASURING_ROUNDS = (4, 2)
 _REFINING_ROUNDS = 4
-_MOST_IMAGES = 6  # that are followed of one minimum
+_MOST_IMAGES = 6  # mirror images of one optimum that are optimised
 _MOST_COMPARED = 6
-BETTER = 1.0  # of log likelihood: less does not tell two minima apart
+BETTER = 1.0  # log likelihood: a smaller difference does not rank two optima
 
 
 class LocalOptimum(NamedTuple):
-    """A minimum of an anchored graph."""
+    """A local minimum of a pose graph's cost."""
 
     graph: PoseGraph
     states: States
     em_weights: EmWeights
     cost: float
-    """Negative log likelihood, up to a constant that all minima of the same samples and worth share."""
+    """Negative log likelihood, up to a constant that optima with the same ranges and range weights share."""
 
     @property
     def frames(self) -> Array:
-        """(k, 4) x, y, z, yaw: where each user's last keyframe is, and how SLAM's axes lie there."""
+        """(k, 4) x, y, z (m), yaw (rad) of each user's last keyframe in the common frame; the yaw is of SLAM's axes."""
         return self.graph.last_poses(self.states)
 
 
 def by_cost(optimum: LocalOptimum) -> float:
-    """For sorting: best first."""
+    """Sort key, best first."""
     return optimum.cost
 
 
 def find_optima(graph: PoseGraph, starts: list[States], parameters: Parameters) -> list[LocalOptimum]:
-    """The minima that some walks and their mirror images lead to, best first."""
+    """The local optima reached from `starts`, and from slips and mirror images of the best one, best first."""
     found: list[LocalOptimum] = []
     for states in starts:
-        _follow(graph, states, found, _ANNEALING)
+        _add_optimum(graph, states, found, _ANNEALING)
     best = min(found, key=by_cost)
     while graph.free:
-        for states in chain(relaid(graph, best.states, parameters), _images(best, parameters)):
-            _follow(graph, states, found, ())
+        for states in chain(relaid(graph, best.states, parameters), _mirror_images(best, parameters)):
+            _add_optimum(graph, states, found, ())
         better = min(found, key=by_cost)
         if better.cost > best.cost - BETTER:
             break
-        best = better  # and may have images of its own
+        best = better  # which may have mirror images of its own
     return sorted(found, key=by_cost)
 
 
 def approach(graph: PoseGraph, states: States, annealing: float) -> LocalOptimum:
-    """Walks that have come near to a minimum: enough to go on from."""
-    states, em_weights, _ = graph.run_em(states, _undecided(graph.initial_em_weights()), _FIRST_ROUNDS, annealing)
+    """States near a local optimum after a few EM rounds, the first ones annealed."""
+    states, em_weights, _ = graph.run_em(
+        states, _with_search_weights(graph.initial_em_weights()), _FIRST_ROUNDS, annealing
+    )
     return LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
 
 
-def _follow(graph: PoseGraph, states: States, found: list[LocalOptimum], annealing: tuple[float, ...]) -> None:
-    """Add the minimum that some walks lead to, unless it is known."""
-    em_weights = _undecided(graph.initial_em_weights())
-    for wide in annealing:
-        states, em_weights, _ = graph.run_em(states, em_weights, 3, wide)
+def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], annealing: tuple[float, ...]) -> None:
+    """Optimise from `states` and add the optimum to `found`, unless it is hopeless or within `SAME` of a known one."""
+    em_weights = _with_search_weights(graph.initial_em_weights())
+    for factor in annealing:
+        states, em_weights, _ = graph.run_em(states, em_weights, 3, factor)
     optimum = LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
     if found and optimum.cost > min(found, key=by_cost).cost + graph.parameters.search.hopeless_cost:
         return
@@ -85,16 +87,20 @@ def _follow(graph: PoseGraph, states: States, found: list[LocalOptimum], anneali
         found.append(optimum)
 
 
-def _undecided(em_weights: EmWeights) -> EmWeights:
-    """Ranges worth the geometric mean of what they are by themselves and at worst: which of both holds shows later.
+def _with_search_weights(em_weights: EmWeights) -> EmWeights:
+    """EM weights with the square root of the range weights: between those of independent and of correlated ranges.
 
-    With the least of it, half a walk of ranges that pass for late would be cheaper than one slip of SLAM.
+    Which of both holds is measured later. With the weights of correlated ranges, half a walk of ranges taken for NLOS
+    would cost less than one SLAM slip.
     """
     return replace(em_weights, range_weight=np.sqrt(em_weights.range_weight))
 
 
-def _images(optimum: LocalOptimum, parameters: Parameters) -> Iterator[States]:
-    """Walks that might explain the ranges as well, likeliest first: what levels and lines cannot tell apart."""
+def _mirror_images(optimum: LocalOptimum, parameters: Parameters) -> Iterator[States]:
+    """States at which mirror images of an optimum may explain the ranges as well, likeliest first.
+
+    Users on one level leave the signs of heights open, users on a line the side of it.
+    """
     graph, states = optimum.graph, optimum.states
     flat = graph.to_rigid_ranges(states)
     rigid = RigidGraph(blocks_of(flat), graph.users, graph.active_users, graph.reference, parameters).about(
@@ -126,7 +132,7 @@ def _images(optimum: LocalOptimum, parameters: Parameters) -> Iterator[States]:
 
 
 def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
-    """The same minimum, what ranges are worth measured on what is left of them."""
+    """The same optimum with range weights measured on its residuals."""
     graph = coarse.graph
     states, em_weights = coarse.states, coarse.em_weights
     for rounds in _MEASURING_ROUNDS:
@@ -135,7 +141,7 @@ def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
 
 
 def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
-    """The same placement at the keyframes of another graph."""
+    """The same optimum at the finer keyframes of another graph."""
     states, em_weights, _ = coarse.graph.run_em(coarse.states, coarse.em_weights, _REFINING_ROUNDS)
     states = interpolated(states, coarse.graph.keyframes, graph.keyframes)
     first = replace(graph.initial_em_weights(), range_weight=em_weights.range_weight)
@@ -144,9 +150,9 @@ def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
 
 
 def compare(found: list[LocalOptimum], best: LocalOptimum, parameters: Parameters) -> list[LocalOptimum]:
-    """The best of them as it is refined, then those others that explain the ranges too, likeliest first.
+    """The optima that explain the ranges: the refined `best`, then those of `found[1:]` not excluded by their cost.
 
-    All costs are those that the minima found have with ranges worth what the best one's residuals say.
+    Costs are compared at the keyframes of `found`, with the range weights measured at the best one.
     """
     if len(found) == 1:
         return [best]
@@ -156,12 +162,12 @@ def compare(found: list[LocalOptimum], best: LocalOptimum, parameters: Parameter
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
         compared.append(LocalOptimum(s.graph, *s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS)))
     _, inlier_probability = best.graph.inlier_probability(best.states, best.em_weights)
-    late = len(inlier_probability) > 0 and float((inlier_probability < 0.5).mean()) > parameters.search.doubtful_share
-    # What drift bends a straight walk by speaks for it or for its mirror image by chance: the sum of a term for each
-    # device whose SLAM may drift, which grows with the root of how many there are.
+    nlos = len(inlier_probability) > 0 and float((inlier_probability < 0.5).mean()) > parameters.search.doubtful_share
+    # Drift bends a straight track, which favours it or its mirror image by chance. That cost is a sum with one random
+    # term for each device whose SLAM may drift, so it grows with the root of their number.
     drifting = max(sum(len(k.step_sigma) > 0 for k in best.graph.keyframes), 1)
     excluded = max(
-        parameters.integrity.cost_excluded_nlos if late else 0.0, parameters.integrity.cost_excluded * np.sqrt(drifting)
+        parameters.integrity.cost_excluded_nlos if nlos else 0.0, parameters.integrity.cost_excluded * np.sqrt(drifting)
     )
     first, *others = compared
     others = [s for s in others if s.cost <= first.cost + excluded]

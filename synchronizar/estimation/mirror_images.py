@@ -1,6 +1,6 @@
-"""Mirror images of a joint placement: what ranges cannot tell apart where users walk lines, or on the level.
+"""Mirror images of a solution: frames that ranges cannot distinguish where users walk on lines or on one level.
 
-Each is a start, from which a minimum may be reached; whether it explains the ranges is for the cost to say.
+Each is only a start for the optimisation; the cost of the optimum decides whether it explains the ranges.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 
 def height_mirrors(measurements: RangeMeasurements, frames: Array, reference: int) -> list[Array]:
-    """Placements (k, 4) with one user mirrored in the mean level of those it ranges to, or all of them in height 0."""
+    """Frames (k, 4) with one user's height mirrored at the mean height of those it ranges to, or all heights at 0."""
     heights = frames[:, 2]
     above = heights[measurements.i] + measurements.p_i[:, 2] - heights[measurements.j] - measurements.p_j[:, 2]
     active_users = np.flatnonzero(~np.isnan(heights))
@@ -26,11 +26,11 @@ def height_mirrors(measurements: RangeMeasurements, frames: Array, reference: in
 
 
 def reflections(measurements: RangeMeasurements, frames: Array, reference: int) -> list[Array]:
-    """Placements (k, 4) in which all that hang together by way of one user only are reflected in that user's line.
+    """Frames (k, 4) with the users that are connected through one user only reflected in that user's line.
 
-    A user that walks a line sees everybody else as well reflected in it; those that range to nobody but such a user can
-    be reflected each for itself. The image of a user is one only as far as it walks a line too: its frame is turned so
-    that its own line comes to lie as a mirror shows it.
+    Ranges to a user that walks a line do not distinguish the two sides of it. Each set of users that is connected to
+    the rest only through this pivot can be reflected by itself. A rotation cannot mirror a frame: a reflected user's
+    frame is turned so that its own principal axis is mirrored, which is exact only as far as it walks a line too.
     """
     out = []
     active_users = np.flatnonzero(~np.isnan(frames[:, 0]))
@@ -51,21 +51,21 @@ def reflections(measurements: RangeMeasurements, frames: Array, reference: int) 
 
 
 def _own_places(measurements: RangeMeasurements, user: int) -> Array:
-    """(n, 2) m: its antennas in its own frame, in the plane."""
+    """(n, 2) m, horizontal positions of a user's antennas in its own frame."""
     return np.concatenate([measurements.p_i[measurements.i == user], measurements.p_j[measurements.j == user]])[:, :2]
 
 
 def _own_line(measurements: RangeMeasurements, user: int) -> tuple[Array, float]:
-    """The middle (2,) of a user's places in its own frame and the angle (rad) of their longest axis."""
+    """Centroid (2,) m of a user's positions in its own frame and angle (rad) of their principal axis."""
     places = _own_places(measurements, user)
     middle = places.mean(axis=0)
-    away = places - middle
-    angle = 0.5 * np.arctan2(2.0 * (away[:, 0] * away[:, 1]).sum(), (away[:, 0] ** 2 - away[:, 1] ** 2).sum())
+    offset = places - middle
+    angle = 0.5 * np.arctan2(2.0 * (offset[:, 0] * offset[:, 1]).sum(), (offset[:, 0] ** 2 - offset[:, 1] ** 2).sum())
     return middle, float(angle)
 
 
 def _line(measurements: RangeMeasurements, frames: Array, user: int) -> tuple[Array, float]:
-    """The same in the common frame."""
+    """Centroid (2,) m and angle (rad) of the principal axis in the common frame."""
     middle, angle = _own_line(measurements, user)
     x, y, _, yaw = frames[user]
     c, s = np.cos(yaw), np.sin(yaw)
@@ -77,8 +77,8 @@ def _reflect(measurements: RangeMeasurements, frames: Array, user: int, middle: 
     own_middle, own_angle = _own_line(measurements, user)
     its_middle, its_angle = _line(measurements, frames, user)
     c2, s2 = np.cos(2.0 * direction), np.sin(2.0 * direction)
-    away = its_middle - middle
-    image = middle + np.array([c2 * away[0] + s2 * away[1], s2 * away[0] - c2 * away[1]])
+    offset = its_middle - middle
+    image = middle + np.array([c2 * offset[0] + s2 * offset[1], s2 * offset[0] - c2 * offset[1]])
     yaw = 2.0 * direction - its_angle - own_angle
     c, s = np.cos(yaw), np.sin(yaw)
     origin = image - np.array([c * own_middle[0] - s * own_middle[1], s * own_middle[0] + c * own_middle[1]])

@@ -1,4 +1,7 @@
-"""The first stretch of a recording, and ever longer ones: SLAM is nearly rigid for minutes, not for hours."""
+"""Initialisation by segments: a search in one segment of a long recording, then optimisation in ever longer ones.
+
+The search takes SLAM for rigid, which holds for minutes, not for hours.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +21,16 @@ from synchronizar.preprocessing.centering import centered, centroids
 from synchronizar.preprocessing.keyframes import Keyframes
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
-_KEYFRAMES = 20  # of a stretch, while placements are compared
-_ANNEALING = 3.0  # of a stretch that was just added: SLAM has drifted there
-_MOST_GROWN = 2  # joint placements that are followed into a longer stretch
-_WHOLE = 2.0  # first stretches: a recording that is no longer is taken as a whole
+_KEYFRAMES = 20  # per first segment, while candidates are compared
+_ANNEALING = 3.0  # after a segment grew: SLAM has drifted in the part that was added
+_MOST_GROWN = 2  # optima of the first segment that are optimised on the whole recording
+_WHOLE = 2.0  # first segments: a recording that is no longer is searched as a whole
 
 
 def coarse_interval(measurements: RangeMeasurements, parameters: Parameters) -> float:
-    """Seconds between the keyframes while placements are compared."""
-    stretch = min(float(np.ptp(measurements.t)) if len(measurements) else 0.0, parameters.search.first_stretch)
-    return max(parameters.slam.keyframe_interval, stretch / _KEYFRAMES)
+    """Interval (s) of the keyframes while candidates are compared."""
+    length = min(float(np.ptp(measurements.t)) if len(measurements) else 0.0, parameters.search.first_stretch)
+    return max(parameters.slam.keyframe_interval, length / _KEYFRAMES)
 
 
 def search_and_grow(
@@ -38,50 +41,50 @@ def search_and_grow(
     reference: int,
     parameters: Parameters,
 ) -> list[LocalOptimum]:
-    """The minima of the whole recording, best first; found in its first stretch and followed from there."""
+    """Local optima of the whole recording, best first: found in one segment, which doubles until it holds all."""
     users = recording.users
-    begin, end = _first_stretch(measurements, len(users), reference, parameters)
+    begin, end = _first_segment(measurements, len(users), reference, parameters)
     found: list[LocalOptimum] = []
     others: list[Array] = []
     known: list[int] = []
     while True:
         inside = _within(measurements, begin, end)
-        tied = connected(measurements[inside], len(users), reference)
+        linked = connected(measurements[inside], len(users), reference)
         part = measurements[
-            np.flatnonzero(inside & np.isin(measurements.i, tied) & np.isin(measurements.j, tied)).astype(np.int32)
+            np.flatnonzero(inside & np.isin(measurements.i, linked) & np.isin(measurements.j, linked)).astype(np.int32)
         ]
-        graph = PoseGraph(recording, part, keyframes, tied, reference, parameters)
+        graph = PoseGraph(recording, part, keyframes, linked, reference, parameters)
         if not found:
             found = find_optima(graph, _search(part, graph, parameters), parameters)
             excluded = found[0].cost + parameters.integrity.cost_excluded_nlos
             others = [s.states.anchor_poses for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
-            found = [approach(graph, _joined(graph, found[0], known, parameters), _ANNEALING)]
-        known = tied
-        if tied == active_users and inside.all():
+            found = [approach(graph, _extended_states(graph, found[0], known, parameters), _ANNEALING)]
+        known = linked
+        if linked == active_users and inside.all():
             break
         length = end - begin
         begin, end = begin - 0.5 * length, end + 0.5 * length
     if np.isfinite(begin):
-        # What else explained the first stretch is looked at again now that all is known.
+        # Other optima of the first segment are optimised on the whole recording too.
         states = found[0].states
         elsewhere = [np.where(np.isnan(frames), states.anchor_poses, frames) for frames in others]
         found += [approach(graph, states._replace(anchor_poses=frames), 1.0) for frames in elsewhere]
     return sorted(found, key=by_cost)
 
 
-def _first_stretch(
+def _first_segment(
     measurements: RangeMeasurements, users: int, reference: int, parameters: Parameters
 ) -> tuple[float, float]:
-    """The stretch (s) of `first_stretch` in which the most users hang together with the reference, the earliest."""
+    """Begin and end (s) of the earliest segment of `first_stretch` s with the most users connected to the reference."""
     if not len(measurements) or np.ptp(measurements.t) <= _WHOLE * parameters.search.first_stretch:
         return -np.inf, np.inf
     begins = np.arange(measurements.t.min(), measurements.t.max(), 0.5 * parameters.search.first_stretch)
-    tied = [
+    linked = [
         len(connected(measurements[_within(measurements, b, b + parameters.search.first_stretch)], users, reference))
         for b in begins.tolist()
     ]
-    begin = float(begins[int(np.argmax(tied))])
+    begin = float(begins[int(np.argmax(linked))])
     return begin, begin + parameters.search.first_stretch
 
 
@@ -90,33 +93,33 @@ def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
 
 
 def _search(measurements: RangeMeasurements, graph: PoseGraph, parameters: Parameters) -> list[States]:
-    """Joint placements of rigid walks, looked for as if ranges were no better than SLAM."""
+    """Starts from the global search with rigid SLAM; the sigmas of ranges include `search.sigma` for what is not rigid."""
     middle = centroids(measurements, len(graph.users))
     wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, parameters.search.sigma))
     found = joint_placements(wide, graph.users, graph.active_users, graph.reference, parameters)
     anchors = np.array([k.anchor for k in graph.keyframes]) - middle
-    laid = [np.column_stack([apply_frames(h.frames, anchors), h.frames[:, 3]]) for h in found]
-    return [graph.initial_states(relative_to(frames, graph.reference)) for frames in laid]
+    about_anchors = [np.column_stack([apply_frames(h.frames, anchors), h.frames[:, 3]]) for h in found]
+    return [graph.initial_states(relative_to(frames, graph.reference)) for frames in about_anchors]
 
 
-def _joined(graph: PoseGraph, before: LocalOptimum, known: list[int], parameters: Parameters) -> States:
-    """Walks of a shorter stretch as a start for a longer one; who has come is placed where it fits best."""
+def _extended_states(graph: PoseGraph, before: LocalOptimum, known: list[int], parameters: Parameters) -> States:
+    """The states of a shorter segment as a start for a longer one; new users are added where they fit best."""
     states = before.states._replace(anchor_poses=before.states.anchor_poses.copy())
-    coming = [u for u in graph.active_users if u not in known]
-    while coming:
+    new = [u for u in graph.active_users if u not in known]
+    while new:
         frames = np.full_like(states.anchor_poses, np.nan)
         frames[known] = states.anchor_poses[known]
         flat = graph.to_rigid_ranges(states._replace(anchor_poses=frames))
         wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
-        user = max(coming, key=lambda u: ties(flat, u, known))
+        user = max(new, key=lambda u: ties(flat, u, known))
         grown = extend(wide, [Candidate(frames, 0.0)], graph.users, user, parameters)
         states.anchor_poses[user] = grown[0].frames[user]
-        known, coming = [*known, user], [u for u in coming if u != user]
+        known, new = [*known, user], [u for u in new if u != user]
     return states
 
 
 def ties(measurements: RangeMeasurements, user: int, known: list[int]) -> int:
-    """How many ranges tie a user to those that are known."""
+    """Number of ranges between a user and the known ones."""
     there: Array = np.isin(measurements.j, known) & (measurements.i == user) | np.isin(measurements.i, known) & (
         measurements.j == user
     )

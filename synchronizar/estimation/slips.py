@@ -1,9 +1,9 @@
-"""Where a device may have been all the while, should its SLAM have slipped: a start that no single step betrays.
+"""SLAM slips: starts in which pieces of a track are moved, and the slips found by the optimised states.
 
-A heading that slips by 100 degrees in seconds, or a tracker that was lost, leaves walks that no one frame can lay, and
-a minimum in which half of the ranges pass for late. So each device is laid anew, piece by piece, beside where
-the others are; pieces that fit much better elsewhere are moved there, and the graph decides, by its heavy-tailed steps,
-whether and where SLAM slipped.
+After a slip (a heading that turns by 100 degrees in seconds, a tracker that was lost) no single frame fits the whole
+track, and at the local optimum half of the ranges are taken for NLOS. No single step shows it. So each device's frame
+is searched again piece by piece, with the other users fixed. Pieces that fit much better elsewhere are moved there, and
+the optimisation decides, by the heavy-tailed step noise, whether and where SLAM slipped.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _MOST_TRIED = 3
 
 
 def relaid(graph: PoseGraph, states: States, parameters: Parameters) -> Iterator[States]:
-    """The same walks with pieces of one device's moved to where they fit much better, what gains most first."""
+    """The states with pieces of one user's track moved to where they fit much better, largest gain first."""
     flat = graph.to_rigid_ranges(states)
     wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
     moving = [u for u in graph.active_users if not graph.users[u].static]
     moved = [
-        _moved(graph, states, wide, user, pieces, parameters)
+        _move_pieces(graph, states, wide, user, pieces, parameters)
         for pieces in parameters.search.slip_pieces
         for user in moving
     ]
@@ -42,29 +42,29 @@ def relaid(graph: PoseGraph, states: States, parameters: Parameters) -> Iterator
     yield from (elsewhere for _, elsewhere in likely[:_MOST_TRIED])
 
 
-def _moved(
+def _move_pieces(
     graph: PoseGraph, states: States, wide: RangeMeasurements, user: int, pieces: int, parameters: Parameters
 ) -> tuple[float, States]:
-    """What moving some pieces of a user's walk gains (log likelihood, of ranges alone), and the walks then."""
+    """The gain (log likelihood of ranges) by moving pieces of a user's track, and the states with these moved."""
     mine = np.flatnonzero((wide.i == user) | (wide.j == user)).astype(np.int32)
     begin, end = wide.t[mine].min(), wide.t[mine].max()
     bounds = np.linspace(begin, end, pieces + 1)
-    laid, gained = np.tile(states.anchor_poses[user], (pieces, 1)), 0.0
+    piece_frames, gained = np.tile(states.anchor_poses[user], (pieces, 1)), 0.0
     for piece in range(pieces):
         inside = mine[(wide.t[mine] >= bounds[piece]) & (wide.t[mine] <= bounds[piece + 1])]
         if len(inside) >= parameters.search.slip_least_ranges:
-            gain, there = _best(graph, states, wide[inside], user, parameters)
+            gain, there = _best_frame(graph, states, wide[inside], user, parameters)
             if gain > parameters.search.slip_gain:
-                laid[piece], gained = there, gained + gain
+                piece_frames[piece], gained = there, gained + gain
     stamps = graph.keyframes[user].t - states.calibration[user, CLOCK]
     which = np.clip(np.searchsorted(bounds[1:-1], stamps), 0, pieces - 1).astype(np.int32)
-    return gained, _with(graph, states, user, laid, which)
+    return gained, _with_moved_pieces(graph, states, user, piece_frames, which)
 
 
-def _best(
+def _best_frame(
     graph: PoseGraph, states: States, measurements: RangeMeasurements, user: int, parameters: Parameters
 ) -> tuple[float, Array]:
-    """The frame (4,) by which a device's samples fit best, and what it gains against where the device is."""
+    """The frame (4,) that fits a user's ranges best, after its gain (log likelihood) over the present one."""
     here = states.anchor_poses[user]
     others = states.anchor_poses.copy()
     others[user] = np.nan
@@ -78,6 +78,7 @@ def _best(
 
 
 def _cost(frames: Array, measurements: RangeMeasurements, user: int, frame: Array, parameters: Parameters) -> float:
+    """Negative log likelihood of ranges at frames (k, 4), with `frame` (4,) in place of the user's."""
     frames = frames.copy()
     frames[user] = frame
     q_i, q_j = (
@@ -88,37 +89,40 @@ def _cost(frames: Array, measurements: RangeMeasurements, user: int, frame: Arra
     return float(mixture_terms(whitened, measurements.sigma, measurements.nlos_odds, nlos_mixture(parameters))[0].sum())
 
 
-def _with(graph: PoseGraph, states: States, user: int, laid: Array, which: Indices) -> States:
-    """The walks with each keyframe of a user laid by the frame (4,) of its piece; its first keyframe stays pinned."""
+def _with_moved_pieces(graph: PoseGraph, states: States, user: int, piece_frames: Array, which: Indices) -> States:
+    """The states with each keyframe of a user at the frame `piece_frames` (pieces, 4) of its piece `which` (m,).
+
+    The user's first keyframe stays fixed in the axes of the anchor, so the anchor moves with the first piece.
+    """
     keyframe_poses, scale = states.keyframe_poses[user], float(np.exp(states.calibration[user, SCALE]))
-    place = apply_frames(laid[which], scale * keyframe_poses[:, :3])
-    yaw = keyframe_poses[:, 3] + laid[which, 3]
+    place = apply_frames(piece_frames[which], scale * keyframe_poses[:, :3])
+    yaw = keyframe_poses[:, 3] + piece_frames[which, 3]
 
     frames = states.anchor_poses.copy()
     first = np.array([*place[0, :2], place[0, 2] - scale * keyframe_poses[0, 2], yaw[0] - keyframe_poses[0, 3]])
     frames[user] = first
     c, s = np.cos(first[3]), np.sin(first[3])
     dx, dy = (place[:, :2] - first[:2]).T
-    about = np.column_stack([c * dx + s * dy, -s * dx + c * dy, place[:, 2] - first[2]]) / scale
+    about_anchor = np.column_stack([c * dx + s * dy, -s * dx + c * dy, place[:, 2] - first[2]]) / scale
     of_all = list(states.keyframe_poses)
-    of_all[user] = np.column_stack([about, wrap_angle(yaw - first[3])])
+    of_all[user] = np.column_stack([about_anchor, wrap_angle(yaw - first[3])])
     return states._replace(anchor_poses=relative_to(frames, graph.reference), keyframe_poses=of_all)
 
 
 def slips(states: States, graph: PoseGraph, user: int, track: Track) -> tuple[Jump, ...]:
-    """Where a user's SLAM slipped: steps that the ranges did not believe, those that follow each other as one."""
+    """The slips of a user's SLAM: steps whose optimised error exceeds `slip_sigmas`, consecutive ones joined."""
     frames, keyframe_poses = graph.keyframes[user], states.keyframe_poses[user]
-    away = steps(keyframe_poses, frames)
-    slipped = (away**2).sum(axis=1) > graph.parameters.slam.slip_sigmas**2
+    errors = steps(keyframe_poses, frames)
+    slipped = (errors**2).sum(axis=1) > graph.parameters.slam.slip_sigmas**2
     if not slipped.any():
         return ()
     begins = np.flatnonzero(slipped & ~np.concatenate([[False], slipped[:-1]]))
     ends = np.flatnonzero(slipped & ~np.concatenate([slipped[1:], [False]]))
-    lengths = away * frames.step_sigma[:, [0, 0, 1, 2]]
+    lengths = errors * frames.step_sigma[:, [0, 0, 1, 2]]
     out = []
     for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
         x, y, z, turn = lengths[begin : end + 1].sum(axis=0)
         pose = int(np.searchsorted(track.t, frames.t[end + 1]))
-        # What SLAM did is the opposite of what had to be put right.
+        # SLAM's turn is the opposite of its correction.
         out.append(Jump(float(track.t[pose]), pose, float(np.hypot(np.hypot(x, y), z)), float(-turn), 0.0))
     return tuple(out)

@@ -1,1 +1,1 @@
-"""Factor graphs: the one place where gtsam is used."""
+"""Factor graphs: the only folder that uses gtsam."""

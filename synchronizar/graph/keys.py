@@ -1,4 +1,4 @@
-"""gtsam's keys of anchored pose graphs: which variable is whose."""
+"""Keys of the pose graph's variables."""
 
 from __future__ import annotations
 
@@ -6,41 +6,41 @@ from itertools import pairwise
 
 import gtsam
 
-_MOST_KEYFRAMES = 10**7  # of a user: keys are numbered user by user
+_MOST_KEYFRAMES = 10**7  # per user: keys are numbered user by user
 
 MEAN_HEIGHT: int = gtsam.symbol("L", 0)
-"""double (m): the height that all origins lie about."""
+"""double (m): the mean height of all SLAM origins."""
 SHARED_CALIBRATION: int = gtsam.symbol("K", 0)
-"""Vector (3,): what all devices of a recording have in common, being of a kind."""
+"""Vector (3,): log scale, radio bias (m), clock offset (s) that all devices share; each deviates from it."""
 
 
 def frame(user: int) -> int:
-    """Pose2: where a user's anchor lies in the common frame."""
+    """Key of a Pose2: common_from_anchor of a user."""
     return int(gtsam.symbol("F", user))
 
 
 def height(user: int) -> int:
-    """The height (double, m) of its origin there."""
+    """Key of a double (m): height of a user's origin in the common frame."""
     return int(gtsam.symbol("H", user))
 
 
 def calibration(user: int) -> int:
-    """Vector (3,): its log scale, radio bias (m) and clock offset (s)."""
+    """Key of a Vector (3,): log scale, radio bias (m) and clock offset (s) of a user's device."""
     return int(gtsam.symbol("D", user))
 
 
 def pose(user: int, keyframe: int) -> int:
-    """Pose2: a keyframe about the anchor, in SLAM's lengths."""
+    """Key of a Pose2: a keyframe in the axes of the user's anchor, SLAM units."""
     return int(gtsam.symbol("X", user * _MOST_KEYFRAMES + keyframe))
 
 
 def local_height(user: int, keyframe: int) -> int:
-    """The keyframe's height, in SLAM's lengths."""
+    """Key of a double: the keyframe's height, SLAM units."""
     return int(gtsam.symbol("Z", user * _MOST_KEYFRAMES + keyframe))
 
 
 def rows(keys: list[int]) -> list[slice]:
-    """Where each key's rows stand when all stand below each other."""
+    """The rows of each key's variable in the stacked vector of all."""
     size = {ord("F"): 3, ord("X"): 3, ord("D"): 3, ord("K"): 3}
     bounds = [0]
     for key in keys:
@@ -49,7 +49,7 @@ def rows(keys: list[int]) -> list[slice]:
 
 
 def ordering(keys: list[int]) -> gtsam.Ordering:
-    """Gtsam's own list of keys."""
+    """The keys as a gtsam ordering."""
     out = gtsam.Ordering()
     for key in keys:
         out.push_back(key)

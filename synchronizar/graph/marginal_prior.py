@@ -1,8 +1,9 @@
-"""What ranges have told so far, carried to where everybody is now: a Gaussian that goes on without them.
+"""Marginal prior of a window: the Gaussian that replaces all earlier ranges and keyframes.
 
-The frame of a later window's graph is anchored at each user's last keyframe, in the axes of the reference's. So what is
-carried is linear in nothing old: when the window is solved again, from an older carried Gaussian and the same ranges,
-frames, scales and biases are linearised anew, and nothing stays where it happened to be when a keyframe was given up.
+The next window's graph is anchored at each user's last keyframe, relative to the reference's, so the prior holds
+frames and calibrations, and no keyframe pose. A window that is solved again starts from an older prior and the same
+ranges: its frames, scales and biases are linearised again, and none stays at its value of the time when a keyframe was
+marginalised.
 """
 
 from __future__ import annotations
@@ -20,34 +21,34 @@ from synchronizar.graph.states import CLOCK
 
 Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
 
-_LEAST = 1e-12  # of the largest variance: what is known any better makes the square root singular in its numbers
+_LEAST = 1e-12  # of the largest eigenvalue: smaller ones are raised to it, which keeps the square root finite
 
 
 class MarginalPrior(NamedTuple):
-    """A Gaussian over frames and devices."""
+    """A Gaussian over the frames and calibrations of some of k users."""
 
     users: list[int]
-    """Those that are carried, the reference among them."""
+    """Users that it holds, the reference among them."""
     reference: int
     frames: Array
-    """(k, 4) x, y, z, yaw: where each anchor lies beside the reference's; NaN for users that are not carried."""
+    """(k, 4) x, y, z (m), yaw (rad): mean of each anchor relative to the reference's; NaN for other users."""
     calibration: Array
-    """(k, 3) log scale, bias (m), clock offset (s)."""
+    """(k, 3) mean log scale, bias (m), clock offset (s)."""
     covariance: Array
-    """(n, n) of additive errors: x, y, yaw and height of each user but the reference, then of every user's device."""
+    """(n, n) of additive errors in x, y, yaw, height of each user but the reference, then in every calibration."""
 
     @property
     def free(self) -> list[int]:
-        """Users whose frames it holds."""
+        """Users whose frames it holds: all but the reference."""
         return [u for u in self.users if u != self.reference]
 
     def keys(self) -> list[int]:
-        """Of the variables, in the order of the covariance."""
+        """The gtsam keys of its variables, in the order of the covariance."""
         frames = [key for u in self.free for key in (keys.frame(u), keys.height(u))]
         return [*frames, *(keys.calibration(u) for u in self.users)]
 
     def without(self, users: set[int]) -> MarginalPrior:
-        """What is known of all others."""
+        """The same without some users: their variables are marginalised out."""
         spans = dict(zip(self.keys(), keys.rows(self.keys()), strict=True))
         left = self._replace(users=[u for u in self.users if u not in users])
         at = np.concatenate([np.arange(s.start, s.stop) for key in left.keys() for s in [spans[key]]])  # noqa: SIM118
@@ -56,27 +57,27 @@ class MarginalPrior(NamedTuple):
         return left._replace(frames=frames, covariance=self.covariance[np.ix_(at, at)])
 
     def aged(self, clock_variance: float) -> MarginalPrior:
-        """The same after a while in which every clock may have drifted: by so much, s^2."""
+        """The same after clock drift: adds `clock_variance` (s^2) to the variance of every clock offset."""
         covariance = self.covariance.copy()
         clocks = 4 * len(self.free) + 3 * np.arange(len(self.users)) + CLOCK
         covariance[clocks, clocks] += clock_variance
         return self._replace(covariance=covariance)
 
     def beside(self, reference: int) -> MarginalPrior:
-        """The same beside another user that is carried: errors are turned and moved with it."""
+        """The same relative to another of its users: frames and errors are transformed to the new reference."""
         others = [u for u in self.users if u != reference]
         first = {u: 4 * n for n, u in enumerate(self.free)}
         ours = self.frames[reference]
         to_ours = rotation_2d(-float(ours[3]))
         turn = np.zeros((4 * len(others) + 3 * len(self.users), len(self.covariance)))
         for n, u in enumerate(others):
-            at, away = 4 * n, self.frames[u] - ours
+            at, offset = 4 * n, self.frames[u] - ours
             if u in first:
                 turn[at : at + 2, first[u] : first[u] + 2] = to_ours
                 turn[at + 2 : at + 4, first[u] + 2 : first[u] + 4] = np.eye(2)
             there = first[reference]
             turn[at : at + 2, there : there + 2] = -to_ours
-            turn[at : at + 2, there + 2] = -to_ours @ np.array([-away[1], away[0]])
+            turn[at : at + 2, there + 2] = -to_ours @ np.array([-offset[1], offset[0]])
             turn[at + 2 : at + 4, there + 2 : there + 4] = -np.eye(2)
         turn[4 * len(others) :, 4 * len(self.free) :] = np.eye(3 * len(self.users))
         return MarginalPrior(
@@ -88,7 +89,7 @@ class MarginalPrior(NamedTuple):
         )
 
     def factor(self, assumed_clock: Array) -> gtsam.CustomFactor:
-        """The Gaussian as a factor; `assumed_clock` (k,) s are the offsets that the graph's clocks count from."""
+        """The Gaussian as a gtsam factor; the graph's clock variables count from `assumed_clock` (k,) s."""
         size = np.sqrt(np.diag(self.covariance))
         correlation = self.covariance / np.outer(size, size)
         values, axes = np.linalg.eigh(correlation)
@@ -100,22 +101,22 @@ class MarginalPrior(NamedTuple):
 
 
 def _error(marginal_prior: MarginalPrior, root: Array, spans: list[slice], assumed_clock: Array) -> Error:
-    """`root` times how far the variables are from their means; its Jacobians by gtsam's tangents."""
+    """`root` times (variables - means), with Jacobians in gtsam's tangent spaces."""
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        away, turns = [], []
+        deviations, yaws = [], []
         for u in marginal_prior.free:
             at, (x, y, z, yaw) = values.atPose2(keys.frame(u)), marginal_prior.frames[u]
-            away += [at.x() - x, at.y() - y, wrap_angle(at.theta() - yaw), values.atDouble(keys.height(u)) - z]
-            turns.append(at.theta())
+            deviations += [at.x() - x, at.y() - y, wrap_angle(at.theta() - yaw), values.atDouble(keys.height(u)) - z]
+            yaws.append(at.theta())
         for u in marginal_prior.users:
             calibration = values.atVector(keys.calibration(u)) - marginal_prior.calibration[u]
-            away += [calibration[0], calibration[1], calibration[2] + assumed_clock[u]]
+            deviations += [calibration[0], calibration[1], calibration[2] + assumed_clock[u]]
         if jacobians is not None:
             for n, span in enumerate(spans):
                 jacobians[n] = root[:, span].copy()
-            for n, turn in enumerate(turns):
-                jacobians[2 * n][:, :2] = root[:, spans[2 * n]][:, :2] @ rotation_2d(turn)
-        return np.asarray(root @ np.array(away))
+            for n, theta in enumerate(yaws):
+                jacobians[2 * n][:, :2] = root[:, spans[2 * n]][:, :2] @ rotation_2d(theta)
+        return np.asarray(root @ np.array(deviations))
 
     return error

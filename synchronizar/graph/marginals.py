@@ -1,4 +1,4 @@
-"""How sure the walks of an anchored graph are, by Laplace's method."""
+"""Marginal covariances of the states of a pose graph, by Laplace's method."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from synchronizar.preprocessing.range_measurements import pairs
 
 
 class Marginals(NamedTuple):
-    """NaN for users that are not placed."""
+    """Marginal covariances of the last keyframes and calibrations; NaN for users that are not active."""
 
     poses: Array
-    """(k, 6, 6) covariances of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last keyframe,
-    in its log scale and in the reference's."""
+    """(k, 6, 6) of additive errors in x, y, z (m, common axes) and yaw (rad) of each user's last keyframe, in its log
+    scale and in the reference's log scale."""
     relative: Array
-    """(k, 4, 4) those of x, y, z, yaw as seen from the reference's last keyframe."""
+    """(k, 4, 4) of x, y, z (m, common axes) and yaw (rad) relative to the reference's last keyframe."""
     joint: Array
-    """(k, 6, k, 6) of all users' poses at once: `poses` on its diagonal, and how their errors hang together."""
+    """(k, 6, k, 6) joint covariance of all users: `poses` on its diagonal, cross-covariances off it."""
     calibrations: Array
     """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
 
 
 class Errors(NamedTuple):
-    """What d independent unit errors do, by user."""
+    """Square roots of the joint covariance, by user: the effect of d independent errors of unit variance."""
 
     poses: dict[int, Array]
-    """(5, d): to x, y, z, yaw of its last keyframe and its log scale."""
+    """(5, d) on x, y, z (m), yaw (rad) of the last keyframe, and on log scale."""
     calibrations: dict[int, Array]
-    """(3, d): to its device."""
+    """(3, d) on log scale, bias (m) and clock offset (s)."""
 
 
 def marginals(graph: PoseGraph, states: States, em_weights: EmWeights) -> Marginals:
-    """How sure the walks are, by Laplace's method."""
+    """The marginals at the states, which are to be a local optimum."""
     return marginals_of(graph, states, finish(errors_of(graph, states, em_weights)))
 
 
 def marginals_of(graph: PoseGraph, states: States, sources: Errors) -> Marginals:
-    """`marginals`, where errors are known."""
+    """The marginals from the square roots that `errors_of` returns."""
     k = len(graph.users)
     relative, calibrations = np.full((k, 4, 4), np.nan), np.full((k, 3), np.nan)
     errors, of_calibrations = sources
@@ -54,17 +54,17 @@ def marginals_of(graph: PoseGraph, states: States, sources: Errors) -> Marginals
     of_poses = np.full((k, 6, len(of_calibrations[reference][SCALE])), np.nan)
     for u in graph.active_users:
         of_poses[u] = np.vstack([errors[u], of_calibrations[reference][SCALE]])
-        beside = _seen_from(now[reference], errors[reference][:4], now[u], errors[u][:4])
-        relative[u] = beside @ beside.T
+        relative_error = _relative_errors(now[reference], errors[reference][:4], now[u], errors[u][:4])
+        relative[u] = relative_error @ relative_error.T
         calibrations[u] = (of_calibrations[u] ** 2).sum(axis=1)
     joint = np.tensordot(of_poses, of_poses, axes=(2, 2))
     return Marginals(joint[np.arange(k), :, np.arange(k)], relative, joint, calibrations)
 
 
 def marginalized(graph: PoseGraph, states: States, sources: Errors, own_height: Array) -> MarginalPrior:
-    """What is known of everybody beside the reference's last keyframe, for a graph that begins at the last ones.
+    """The marginal prior of a graph that begins at the last keyframes; relative to the reference's last keyframe.
 
-    `own_height` (k,) SLAM's lengths: how high each last keyframe is in its own frame as that was before any jump.
+    `own_height` (k,) SLAM units: height of each last keyframe in its user's own frame, as it was before any jump.
     """
     errors, of_calibrations = sources
     now, reference = graph.last_poses(states), graph.reference
@@ -72,9 +72,9 @@ def marginalized(graph: PoseGraph, states: States, sources: Errors, own_height: 
     to_reference = rotation_2d(-float(now[reference, 3]))
     rows = []
     for u in graph.free:
-        beside = _seen_from(now[reference], errors[reference][:4], now[u], errors[u][:4])
-        height = beside[2] - above[u] * errors[u][4] + above[reference] * errors[reference][4]
-        rows += [*(to_reference @ beside[:2]), beside[3], height]
+        relative_error = _relative_errors(now[reference], errors[reference][:4], now[u], errors[u][:4])
+        height = relative_error[2] - above[u] * errors[u][4] + above[reference] * errors[reference][4]
+        rows += [*(to_reference @ relative_error[:2]), relative_error[3], height]
     rows += [row for u in graph.active_users for row in of_calibrations[u]]
     root = np.array(rows)
     frames = relative_to(now, reference)
@@ -83,49 +83,54 @@ def marginalized(graph: PoseGraph, states: States, sources: Errors, own_height: 
 
 
 def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooperative[Errors]:
-    """By Laplace's method."""
-    wanted = [
+    """Square roots of the joint covariance at the states, as a cooperative task.
+
+    Laplace's method: the covariance is the inverse of the cost's second derivatives. Where gtsam's Cholesky fails, a QR
+    of the whole Jacobian takes its place.
+    """
+    last_keys = [
         key
         for u in graph.active_users
         if (last := len(graph.keyframes[u]) - 1) > 0
         for key in (keys.pose(u, last), keys.local_height(u, last))
     ]
     height_curvature = graph.height_curvature(states, em_weights)
-    linear = yield from graph.linearizing(states, em_weights, _shared(graph, height_curvature))
+    linear = yield from graph.linearizing(states, em_weights, _mean_curvature(graph, height_curvature))
     yield
-    others, kept = list(graph.keyframe_keys(set(wanted))), [*graph.shared_keys(), *wanted]
+    others, kept = list(graph.keyframe_keys(set(last_keys))), [*graph.shared_keys(), *last_keys]
     try:
         jacobian = reduced(linear, others, kept)
-    except RuntimeError:  # too near to singular for gtsam's Cholesky: all columns then, by the QR below
+    except RuntimeError:  # too near to singular for gtsam's Cholesky: the QR below takes all columns
         kept = [*kept, *others]
         jacobian, _ = linear.jacobian(keys.ordering(kept))
-    # Columns of unit length, and a QR that never squares them: the system may be nearly singular.
+    # The system may be nearly singular: columns are normalised, and a QR avoids the normal equations.
     size = np.linalg.norm(jacobian, axis=0)
     root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
     rows_of = dict(zip(kept, keys.rows(kept), strict=True))
     heights = root[[rows_of[keys.height(u)].start for u in graph.free]]
-    # Between two heights that are as good the cost is flatter than the factors say; to a tenth, for not for ever.
-    to_rigid_ranges, vectors = np.linalg.eigh(
-        np.eye(len(root)) + heights.T @ _negative(graph, height_curvature) @ heights
+    # The factors leave out negative curvature in height: between two equally good heights the cost is flatter than they
+    # say. It is added here; the information in any direction falls to no less than a tenth.
+    eigenvalues, vectors = np.linalg.eigh(
+        np.eye(len(root)) + heights.T @ _negative_curvature(graph, height_curvature) @ heights
     )
-    root = root @ vectors / np.sqrt(np.maximum(to_rigid_ranges, 0.1))
+    root = root @ vectors / np.sqrt(np.maximum(eigenvalues, 0.1))
     errors = {
-        u: sum(by @ root[rows_of[key]] for key, by in _last_pose_by_keys(graph, states, u).items())
+        u: sum(by @ root[rows_of[key]] for key, by in _last_pose_jacobians(graph, states, u).items())
         for u in graph.active_users
     }
     return Errors(errors, {u: root[rows_of[keys.calibration(u)]] for u in graph.active_users})
 
 
-def _shared(graph: PoseGraph, height_curvature: Array) -> Array:
-    """(n,) what the ranges of each pair say together, where it is positive, in equal shares."""
+def _mean_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
+    """(n,) 1/m^2: the mean height curvature of each pair's ranges where it is positive, 0 elsewhere."""
     out = np.zeros_like(height_curvature)
     for pair in pairs(graph.measurements):
         out[pair.measurements] = max(height_curvature[pair.measurements].mean(), 0.0)
     return out
 
 
-def _negative(graph: PoseGraph, height_curvature: Array) -> Array:
-    """What of the cost's second derivatives in the heights of those that are free is below 0."""
+def _negative_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
+    """The negative height curvature of pairs as second derivatives (1/m^2) by the free users' heights."""
     column = {u: n for n, u in enumerate(graph.free)}
     out = np.zeros((len(column), len(column)))
     for pair in pairs(graph.measurements):
@@ -137,15 +142,15 @@ def _negative(graph: PoseGraph, height_curvature: Array) -> Array:
     return out
 
 
-def _last_pose_by_keys(graph: PoseGraph, states: States, user: int) -> dict[int, Array]:
-    """Derivatives (5, d) of x, y, z, yaw of the last keyframe, and log scale, by the variables they hang on."""
+def _last_pose_jacobians(graph: PoseGraph, states: States, user: int) -> dict[int, Array]:
+    """Jacobians (5, d) of x, y, z, yaw of the last keyframe and of log scale, by each variable that they depend on."""
     x, y, z, chi = states.keyframe_poses[user][-1]
     yaw, scale = states.anchor_poses[user, 3], float(np.exp(states.calibration[user, SCALE]))
     arm = scale * rotation_2d(yaw) @ np.array([x, y])
-    by_device = np.zeros((5, 3))
-    by_device[:3, SCALE] = *arm, scale * z
-    by_device[4, SCALE] = 1.0
-    out = {keys.calibration(user): by_device}
+    by_calibration = np.zeros((5, 3))
+    by_calibration[:3, SCALE] = *arm, scale * z
+    by_calibration[4, SCALE] = 1.0
+    out = {keys.calibration(user): by_calibration}
     if user != graph.reference:
         by_frame = np.zeros((5, 3))
         by_frame[:2, :2] = rotation_2d(yaw)
@@ -162,10 +167,10 @@ def _last_pose_by_keys(graph: PoseGraph, states: States, user: int) -> dict[int,
     return out
 
 
-def _seen_from(reference: Array, error_of_reference: Array, pose: Array, error: Array) -> Array:
-    """Errors (4, d) of a pose x, y, z, yaw beside the reference's: what moves and turns both is none."""
-    away = pose[:2] - reference[:2]
+def _relative_errors(reference: Array, error_of_reference: Array, pose: Array, error: Array) -> Array:
+    """Errors (4, d) of a pose x, y, z, yaw relative to the reference's; a common shift and turn cancel."""
+    offset = pose[:2] - reference[:2]
     out = error - error_of_reference
-    out[0] += away[1] * error_of_reference[3]
-    out[1] -= away[0] * error_of_reference[3]
+    out[0] += offset[1] * error_of_reference[3]
+    out[1] -= offset[0] * error_of_reference[3]
     return np.asarray(out)

@@ -1,7 +1,7 @@
-"""Gauss-Newton on gtsam's graphs.
+"""Gauss-Newton with line search on gtsam graphs.
 
-gtsam's own optimisers hand a CustomFactor their own Values, which are copied for every single call: with n keyframes
-a step costs n^2. Linearised from here, the factors see the Values that Python holds.
+gtsam's own optimisers copy their Values for every call of a CustomFactor: with n keyframes a step costs n^2. When the
+graph is linearised from Python, the factors see the Values that Python holds, and none is copied.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from synchronizar.graph.range_factors import PoseCache
 
 Values = gtsam.Values
 
-_SUFFICIENT = 1e-4  # of the gain that the linear model promises (Armijo)
-_SHORTER = 0.4
-_SHORTEST = 1e-3
+_SUFFICIENT = 1e-4  # of the gain that the linear model predicts (Armijo's condition)
+_SHORTER = 0.4  # factor on the step length at each attempt
+_SHORTEST = 1e-3  # of the full step
 
 
 def optimize(
@@ -29,10 +29,11 @@ def optimize(
     gain: float,
     pose_cache: PoseCache | None = None,
 ) -> gtsam.Values:
-    """A minimum: full steps, or as much of them as lowers the cost; until a step gains less than `gain`.
+    """Values at a local minimum of the cost, by Gauss-Newton with a backtracking line search.
 
-    Our blocks are positive semidefinite models with the exact gradient, so a step never leads uphill at first.
-    `pose_cache` is what the factors share.
+    Stops after `iterations` steps, or when a step gains less than `gain` (negative log likelihood). Range blocks are
+    positive semidefinite models with the exact gradient, so every step starts downhill. `pose_cache` is the one that
+    the factors share.
     """
     return finish(optimizing(factors, start, ordering, iterations, gain, pose_cache or PoseCache()))
 
@@ -45,7 +46,7 @@ def optimizing(
     gain: float,
     pose_cache: PoseCache,
 ) -> Cooperative[gtsam.Values]:
-    """`optimize` in portions, each as long as one look at all factors."""
+    """`optimize` as a cooperative task; it yields about once per evaluation of all factors."""
     pose_cache.hold(start)
     try:
         return (yield from _optimizing(factors, start, ordering, iterations, gain, pose_cache))
@@ -69,33 +70,33 @@ def _optimizing(
         yield
         try:
             step = linear.optimize(ordering)
-        except RuntimeError:  # no step is told from another: where it leads is for the covariance to say
+        except RuntimeError:  # singular: the covariance will show it
             return values
-        promised = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)
-        if promised < gain:
+        predicted = linear.error(gtsam.VectorValues.Zero(step)) - linear.error(step)
+        if predicted < gain:
             break
         length = 1.0
         while True:
-            tried = values.retract(step if length == 1.0 else step.scale(length))
-            pose_cache.hold(tried)
-            tried_cost = factors.error(tried)
-            if cost - tried_cost > _SUFFICIENT * length * promised:
+            candidate = values.retract(step if length == 1.0 else step.scale(length))
+            pose_cache.hold(candidate)
+            candidate_cost = factors.error(candidate)
+            if cost - candidate_cost > _SUFFICIENT * length * predicted:
                 break
             length *= _SHORTER
             if length < _SHORTEST:
                 return values
             yield
-        gained = cost - tried_cost
-        values, cost = tried, tried_cost
+        gained = cost - candidate_cost
+        values, cost = candidate, candidate_cost
         if gained < gain:
             break
     return values
 
 
 def reduced(linear: gtsam.GaussianFactorGraph, others: list[int], kept: list[int]) -> Array:
-    """The Jacobian by the keys that are kept of a linear system, the others eliminated.
+    """The Jacobian of a linear system by the `kept` keys, with the `others` eliminated.
 
-    Raises RuntimeError, as gtsam does, where that is too near to singular for its Cholesky.
+    Raises RuntimeError where the system is too near to singular for gtsam's Cholesky.
     """
     if others:
         _, linear = linear.eliminatePartialSequential(keys.ordering(others))
@@ -106,7 +107,7 @@ def reduced(linear: gtsam.GaussianFactorGraph, others: list[int], kept: list[int
 def levenberg_marquardt(
     factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int, gain: float
 ) -> gtsam.Values:
-    """Gtsam's own optimiser, until a step gains less than `gain`."""
+    """Values at a local minimum by gtsam's own optimiser, which stops when a step gains less than `gain`."""
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(iterations)
     parameters.setAbsoluteErrorTol(gain)

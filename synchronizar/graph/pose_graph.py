@@ -1,8 +1,8 @@
-"""Anchored pose graphs (Kim et al., ICRA 2010): everybody's SLAM bends where the ranges say so.
+"""The anchored pose graph (Kim et al., ICRA 2010): relative frames, keyframe poses and calibrations of all users.
 
-Per user a frame F and a height H of its anchor in the common frame; per keyframe a pose X and a height Z about the
-anchor, the first held at SLAM's own; per device a vector of log scale, radio bias and clock offset. SLAM's steps tie
-the keyframes, ranges tie the users (factors/device_range.h).
+Variables: per user a Pose2 F and a height H, common_from_anchor; per keyframe a Pose2 X and a height Z in the axes of
+the anchor, the first fixed at SLAM's own pose; per device a vector D of log scale, radio bias and clock offset. SLAM's
+steps are the odometry factors between keyframes; range factors connect the users (factors/calibrated_range.h).
 """
 
 from __future__ import annotations
@@ -31,28 +31,29 @@ from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_end
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 from synchronizar.preprocessing.range_weights import measured_range_weights, prior_range_weights
 
-_STALE_CLOCK = 0.005  # s: antennas that were read for a clock further off are read anew
-_GAIN = 0.05  # of log likelihood: what gains less changes nothing that could be measured
-_GAIN_A_RANGE = 3e-5  # nor does what gains less a range
+_STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes by more
+_GAIN = 0.05  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
+_GAIN_A_RANGE = 3e-5  # log likelihood per range, in addition
 _ITERATIONS = 10
 
 
 @dataclass(frozen=True)
 class EmWeights:
-    """What is held while the variables are sought, and sought anew when they were found."""
+    """EM weights: fixed while optimising, re-estimated after."""
 
     nlos_odds: Array
-    """(n,) of each range, its neighbours in time considered."""
+    """(n,) P(NLOS) / P(not NLOS) of each range given its neighbours in time; its own residual does not count."""
     range_weight: Array
-    """(n,) as how many independent ranges each counts."""
+    """(n,) composite-likelihood weight: the number of independent ranges that each counts as. Not a robust weight."""
     step_weight: list[Array]
-    """Of each user (m - 1,): how far each of SLAM's steps is believed; Student's t."""
+    """Of each user (m - 1,): weight of each SLAM step, from Student's t as a scale mixture of normals."""
     calibration_weight: Array
-    """(k + 1, 3): the same of each device's scale, bias and clock being as usual, and of what is usual being none."""
+    """(k + 1, 3): the same weight of each device's deviation from the shared log scale, bias and clock offset; the last
+    row is that of the shared calibration's deviation from zero."""
 
 
 class PoseGraph:
-    """The graph of some samples; keyframes as they are given."""
+    """The anchored pose graph of n range measurements at given keyframes."""
 
     def __init__(
         self,
@@ -64,9 +65,9 @@ class PoseGraph:
         parameters: Parameters,
         marginal_prior: MarginalPrior | None = None,
     ):
-        """`recording` has mended tracks; `active_users` are the users that take part, the reference among them.
+        """`recording` has repaired tracks; `active_users` are the users in the graph, the reference among them.
 
-        `marginal_prior` is what earlier ranges told of some of them, at their first keyframes.
+        `marginal_prior` is the Gaussian that earlier ranges leave on some users' anchors and calibrations.
         """
         self.recording, self.measurements, self.keyframes = recording, measurements, keyframes
         self.users = recording.users
@@ -74,18 +75,18 @@ class PoseGraph:
         self.free = [u for u in active_users if u != reference]
         self.parameters, self.marginal_prior = parameters, marginal_prior
         known = [] if marginal_prior is None else marginal_prior.users
-        # Of whom nothing is known but priors; and whose heights are about a level that all share.
+        # Users without a marginal prior; and users whose heights have the prior about the mean height.
         self._new = [u for u in active_users if u not in known]
-        self._level_users = active_users if marginal_prior is None else [reference, *self._new]
+        self._prior_height_users = active_users if marginal_prior is None else [reference, *self._new]
         self.sigma = np.hypot(measurements.sigma, parameters.ranges.multipath_sigma)
         self._loss: NlosMixture = nlos_mixture(parameters)
-        self._from_level = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
+        self._height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
         self._links = _links(recording, measurements)
-        self._reading = PoseCache()
+        self._pose_cache = PoseCache()
         self.read_antennas(np.zeros(len(self.users)))
 
     def read_antennas(self, clock_offset: Array) -> None:
-        """Read antennas off the tracks anew, for clock offsets (k,) s; keep those that the walks are solved for."""
+        """Read antenna positions from the tracks at clock offsets (k,) s; clock variables count from these."""
         s = self.measurements
         self._clock = clock_offset.copy()
         self._ends: tuple[RangeEnds, RangeEnds] = (
@@ -97,18 +98,18 @@ class PoseGraph:
         self._bounds = np.unique(np.concatenate([[0], np.flatnonzero(changes) + 1, [len(s)]]))
 
     def with_keyframes(self, keyframes: list[Keyframes]) -> PoseGraph:
-        """The same graph; keyframes are the same but for how far SLAM's steps can be trusted."""
+        """The same graph with other step sigmas; `keyframes` differ from its own in nothing else."""
         out = copy(self)
         out.keyframes = keyframes
         return out
 
     def initial_states(self, frames: Array, calibration: Array | None = None) -> States:
-        """SLAM as it is, laid at frames (k, 4) of the anchors."""
+        """SLAM's own poses as states, with anchors at frames (k, 4) x, y, z (m), yaw (rad); `calibration` (k, 3)."""
         return slam_states(
             frames, self.keyframes, np.zeros((len(self.users), 3)) if calibration is None else calibration
         )
 
-    # What the samples say of some walks
+    # Residuals at given states
 
     def residuals(self, states: States) -> Array:
         """(n,) m, predicted minus measured."""
@@ -120,17 +121,21 @@ class PoseGraph:
         return np.asarray(np.linalg.norm(q_i - q_j, axis=1) + bias - s.distance)
 
     def to_rigid_ranges(self, states: States) -> RangeMeasurements:
-        """The samples as a rigid model would have them: drift, scale, clocks and biases taken out."""
+        """The ranges for a rigid model: antennas corrected for drift, scale and clock, distances for radio bias."""
         return replace(to_rigid_ranges(self.measurements, states, self._ends, self._clock), sigma=self.sigma)
 
     def inlier_probability(self, states: States, em_weights: EmWeights) -> tuple[Array, Array]:
-        """(n,) each: the weight that the loss gives each range, and the probability that it is honest."""
+        """(n,) each: the weight that the loss gives each range, and the probability that it is line-of-sight."""
         whitened = self.residuals(states) / self.sigma
         _, weight, inlier_probability = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self._loss)
         return weight, inlier_probability
 
     def height_curvature(self, states: States, em_weights: EmWeights) -> Array:
-        """(n,) 1/m^2: what each range's bending adds to the cost's second derivative in the difference in height."""
+        """(n,) 1/m^2: second derivative of the cost in the height difference by the curvature of each distance.
+
+        w rho'(e) (1 - e_z^2) / (d sigma), with w the range weight and e_z the vertical part of the unit direction; the
+        Gauss-Newton term rho''(e) (e_z / sigma)^2 is not in it.
+        """
         flat = self.to_rigid_ranges(states)
         between = apply_frames(states.anchor_poses[flat.i], flat.p_i) - apply_frames(
             states.anchor_poses[flat.j], flat.p_j
@@ -141,18 +146,18 @@ class PoseGraph:
         level = 1.0 - (between[:, 2] / distance) ** 2
         return np.asarray(em_weights.range_weight * weight * whitened / self.sigma * level / distance)
 
-    # What is judged between two searches
+    # EM weights
 
     def initial_em_weights(self) -> EmWeights:
-        """Nothing is known yet."""
+        """Initial weights, from the priors."""
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         first = prior_range_weights(self.measurements, self.parameters)
         return EmWeights(self.measurements.nlos_odds, first, weights, np.ones((len(self.users) + 1, 3)))
 
     def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:
-        """How late, how believable everything is at these walks; and their negative log likelihood.
+        """EM weights re-estimated at these states, and the states' negative log likelihood.
 
-        Costs of graphs with the same samples and worth can be compared.
+        Range weights stay as they were before. Costs compare between graphs with the same ranges and range weights.
         """
         m, s = self.parameters, self.measurements
         whitened = self.residuals(states) / self.sigma
@@ -176,10 +181,10 @@ class PoseGraph:
         calibration_weight, tail = self._calibration_weights(states, before)
         return EmWeights(odds, before.range_weight, weights, calibration_weight), cost + tail + self._height_cost(
             states
-        ) + self._carried_cost(states)
+        ) + self._marginal_prior_cost(states)
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
-        """The same, what ranges are worth measured on their residuals."""
+        """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
         whitened = self.residuals(states) / self.sigma
         _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self._loss)
         return replace(
@@ -190,32 +195,33 @@ class PoseGraph:
         )
 
     def _calibration_weights(self, states: States, before: EmWeights) -> tuple[Array, float]:
-        """The weights (k + 1, 3) of the devices, the last row that of what they have in common; and the cost."""
+        """Weights (k + 1, 3) of the device calibrations, the last row of the shared one, and their cost."""
         own, common = calibration_sigmas(self.parameters)
-        kind = self._kind(states, before.calibration_weight)
+        shared = self._shared_calibration(states, before.calibration_weight)
         squares = np.zeros((len(self.users) + 1, 3))
-        squares[self._new] = ((states.calibration[self._new] - kind) / own) ** 2
-        squares[-1] = (kind / common) ** 2
+        squares[self._new] = ((states.calibration[self._new] - shared) / own) ** 2
+        squares[-1] = (shared / common) ** 2
         return _student(squares, calibration_dof(self.parameters), 1)
 
-    def _kind(self, states: States, calibration_weight: Array) -> Array:
-        """(3,) the most likely common part of the devices, by weights (k + 1, 3)."""
+    def _shared_calibration(self, states: States, calibration_weight: Array) -> Array:
+        """(3,) the most likely shared calibration, given weights (k + 1, 3)."""
         own, common = calibration_sigmas(self.parameters)
         weight = calibration_weight[self._new] / own**2
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
         return np.asarray((weight * states.calibration[self._new]).sum(axis=0) / total)
 
     def _height_cost(self, states: States) -> float:
-        heights, weight = states.anchor_poses[self._level_users, 2], self._from_level[self._level_users] ** -2
-        level = self._level(states)
-        return 0.5 * float((weight * (heights - level) ** 2).sum())
+        heights = states.anchor_poses[self._prior_height_users, 2]
+        weight = self._height_sigma[self._prior_height_users] ** -2
+        mean = self._mean_height(states)
+        return 0.5 * float((weight * (heights - mean) ** 2).sum())
 
-    def _level(self, states: States) -> float:
-        """The most likely height (m) that origins lie about."""
-        weight = self._from_level[self._level_users] ** -2
-        return float(weight @ states.anchor_poses[self._level_users, 2] / weight.sum())
+    def _mean_height(self, states: States) -> float:
+        """The most likely mean height (m) of the origins."""
+        weight = self._height_sigma[self._prior_height_users] ** -2
+        return float(weight @ states.anchor_poses[self._prior_height_users, 2] / weight.sum())
 
-    def _carried_cost(self, states: States) -> float:
+    def _marginal_prior_cost(self, states: States) -> float:
         if self.marginal_prior is None:
             return 0.0
         return float(self.marginal_prior.factor(self._clock).error(self._shared_values(states)))
@@ -225,7 +231,10 @@ class PoseGraph:
     def run_em(
         self, states: States, em_weights: EmWeights, rounds: int, annealing: float = 1.0
     ) -> tuple[States, EmWeights, float]:
-        """Find the walks and judge what is late in turn (expectation maximisation), until neither changes."""
+        """States, EM weights and cost at a local optimum: optimises the states and re-estimates the weights in turn.
+
+        Expectation maximisation; stops when the cost gains less than 0.05 + 3e-5 a range, or after `rounds`.
+        """
         return finish(self.running_em(states, em_weights, rounds, annealing))
 
     def running_em(
@@ -236,7 +245,7 @@ class PoseGraph:
         annealing: float = 1.0,
         steps_a_round: int = _ITERATIONS,
     ) -> Cooperative[tuple[States, EmWeights, float]]:
-        """`run_em` in portions; fewer steps a round are enough near a minimum."""
+        """`run_em` as a cooperative task; near an optimum fewer `steps_a_round` are enough."""
         about, before = states.anchor_poses, np.inf
         gain = _GAIN + _GAIN_A_RANGE * len(self.measurements)
         for _ in range(rounds):
@@ -250,7 +259,7 @@ class PoseGraph:
             factors = self.factors(about, em_weights, annealing)
             yield
             values, ordering = self.values(states), self.ordering()
-            values = yield from optimizing(factors, values, ordering, steps_a_round, 0.25 * gain, self._reading)
+            values = yield from optimizing(factors, values, ordering, steps_a_round, 0.25 * gain, self._pose_cache)
             states = self.states(values, states)
             yield
         em_weights, cost = self.e_step(states, em_weights)
@@ -259,9 +268,9 @@ class PoseGraph:
     def factors(
         self, about: Array, em_weights: EmWeights, annealing: float = 1.0, height_curvature: Array | None = None
     ) -> gtsam.NonlinearFactorGraph:
-        """Priors, with those of places and headings, which say nothing, about frames (k, 4); SLAM's steps; ranges.
+        """Priors, SLAM's steps and ranges; the wide priors of position and yaw are centred on frames (k, 4).
 
-        `height_curvature` (n,) stands for that of the ranges themselves.
+        `annealing` >= 1 widens the loss; `height_curvature` (n,) 1/m^2 replaces the ranges' own.
         """
         graph = gtsam.NonlinearFactorGraph()
         self._add_priors(graph, about, em_weights)
@@ -280,26 +289,28 @@ class PoseGraph:
             )
             keys_i = self.keys(int(s.i[first]), int(i.keyframe[first]))
             keys_j = self.keys(int(s.j[first]), int(j.keyframe[first]))
-            bends = None if height_curvature is None else float(height_curvature[k].sum())
-            graph.add(CalibratedRangeBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._reading, bends))
+            curvature = None if height_curvature is None else float(height_curvature[k].sum())
+            graph.add(
+                CalibratedRangeBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._pose_cache, curvature)
+            )
         return graph
 
     def linearizing(
         self, states: States, em_weights: EmWeights, height_curvature: Array | None = None
     ) -> Cooperative[gtsam.GaussianFactorGraph]:
-        """All factors at some walks, in portions."""
+        """All factors linearised at the states, as a cooperative task."""
         factors = self.factors(states.anchor_poses, em_weights, height_curvature=height_curvature)
         yield
         values = self.values(states)
         yield
-        self._reading.hold(values)
+        self._pose_cache.hold(values)
         linear = factors.linearize(values)
-        self._reading.hold(None)
+        self._pose_cache.hold(None)
         return linear
 
     def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, em_weights: EmWeights) -> None:
         m, noise = self.parameters, gtsam.noiseModel
-        # All may turn about the reference together: what their k priors say of that must be what one says.
+        # All users may turn about the reference together: their k priors on that turn must weigh as much as one.
         yaw_sigma = m.priors.yaw_sigma * np.sqrt(max(len(self.free), 1))
         wide = noise.Diagonal.Sigmas(np.array([m.priors.place_sigma, m.priors.place_sigma, yaw_sigma]))
         if self.marginal_prior is not None:
@@ -311,39 +322,39 @@ class PoseGraph:
             graph.addPriorPose2(keys.frame(u), gtsam.Pose2(x, y, yaw), wide)
             graph.add(
                 gtsam.BetweenFactorDouble(
-                    keys.MEAN_HEIGHT, keys.height(u), 0.0, noise.Isotropic.Sigma(1, self._from_level[u])
+                    keys.MEAN_HEIGHT, keys.height(u), 0.0, noise.Isotropic.Sigma(1, self._height_sigma[u])
                 )
             )
         own, common = calibration_sigmas(m)
         weight = np.sqrt(em_weights.calibration_weight)
         for u in self._new:
-            usual = np.array([0.0, 0.0, -self._clock[u]])
+            difference = np.array([0.0, 0.0, -self._clock[u]])
             graph.add(
                 gtsam.BetweenFactorVector(
-                    keys.SHARED_CALIBRATION, keys.calibration(u), usual, noise.Diagonal.Sigmas(own / weight[u])
+                    keys.SHARED_CALIBRATION, keys.calibration(u), difference, noise.Diagonal.Sigmas(own / weight[u])
                 )
             )
         graph.addPriorVector(keys.SHARED_CALIBRATION, np.zeros(3), noise.Diagonal.Sigmas(common / weight[-1]))
-        graph.addPriorDouble(keys.MEAN_HEIGHT, 0.0, noise.Isotropic.Sigma(1, self._from_level[self.reference]))
+        graph.addPriorDouble(keys.MEAN_HEIGHT, 0.0, noise.Isotropic.Sigma(1, self._height_sigma[self.reference]))
 
     def add_steps(self, graph: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:
-        """SLAM's steps, the first from a keyframe that is held."""
+        """Add the odometry factors of a user's SLAM steps; the first step starts at a fixed keyframe."""
         noise, frames = gtsam.noiseModel, self.keyframes[user]
         sigmas = frames.step_sigma / np.sqrt(weight)[:, None]
-        ways = np.diff(frames.place - frames.anchor, axis=0).tolist()
-        for n, ((x, y, z), (plane, up, turn)) in enumerate(zip(ways, sigmas.tolist(), strict=True)):
-            level, height = noise.Diagonal.Sigmas(np.array([plane, plane, turn])), noise.Isotropic.Sigma(1, up)
+        slam_steps = np.diff(frames.place - frames.anchor, axis=0).tolist()
+        for n, ((x, y, z), (plane, up, turn)) in enumerate(zip(slam_steps, sigmas.tolist(), strict=True)):
+            planar, vertical = noise.Diagonal.Sigmas(np.array([plane, plane, turn])), noise.Isotropic.Sigma(1, up)
             if n == 0:
-                graph.addPriorPose2(keys.pose(user, 1), gtsam.Pose2(x, y, 0.0), level)
-                graph.addPriorDouble(keys.local_height(user, 1), float(frames.place[0, 2]) + z, height)
+                graph.addPriorPose2(keys.pose(user, 1), gtsam.Pose2(x, y, 0.0), planar)
+                graph.addPriorDouble(keys.local_height(user, 1), float(frames.place[0, 2]) + z, vertical)
             else:
                 here, there = keys.pose(user, n), keys.pose(user, n + 1)
-                graph.add(gtsam.BetweenFactorPose2(here, there, gtsam.Pose2(x, y, 0.0), level))
+                graph.add(gtsam.BetweenFactorPose2(here, there, gtsam.Pose2(x, y, 0.0), planar))
                 here, there = keys.local_height(user, n), keys.local_height(user, n + 1)
-                graph.add(gtsam.BetweenFactorDouble(here, there, z, height))
+                graph.add(gtsam.BetweenFactorDouble(here, there, z, vertical))
 
     def keys(self, user: int, keyframe: int) -> CalibratedUserKeys:
-        """Those of a user at a keyframe: the reference's frame and everybody's first keyframe are held."""
+        """Keys of a user at a keyframe; the reference's frame and everybody's first keyframe are fixed."""
         free, first = user != self.reference, keyframe == 0
         return CalibratedUserKeys(
             keys.frame(user) if free else None,
@@ -355,11 +366,11 @@ class PoseGraph:
         )
 
     def ordering(self) -> gtsam.Ordering:
-        """Keyframes in the order of time, then what all of them share: a band with a narrow border."""
+        """Elimination ordering: keyframes by time, then what they share, which makes a banded matrix with a border."""
         return keys.ordering([*self.keyframe_keys(set()), *self.shared_keys()])
 
     def keyframe_keys(self, without: set[int]) -> Iterator[int]:
-        """Those of all keyframes that are not held, but for some, in the order of time."""
+        """Keys of all free keyframes except those in `without`, by time."""
         stamps = [
             (t - self._clock[u], u, n + 1)
             for u in self.active_users
@@ -371,12 +382,12 @@ class PoseGraph:
                     yield key
 
     def shared_keys(self) -> list[int]:
-        """Those of frames, devices and what all have in common."""
+        """Keys of frames, heights, calibrations, the shared calibration and the mean height."""
         frames = [key for u in self.free for key in (keys.frame(u), keys.height(u))]
         return [*frames, *(keys.calibration(u) for u in self.active_users), keys.SHARED_CALIBRATION, keys.MEAN_HEIGHT]
 
     def values(self, states: States) -> gtsam.Values:
-        """Gtsam's values at these walks."""
+        """The states as gtsam values."""
         values = self._shared_values(states)
         for u in self.active_users:
             for n, (x, y, z, yaw) in enumerate(states.keyframe_poses[u].tolist()):
@@ -386,7 +397,7 @@ class PoseGraph:
         return values
 
     def _shared_values(self, states: States) -> gtsam.Values:
-        """Those of `shared_keys`."""
+        """The states as gtsam values, `shared_keys` only."""
         values = gtsam.Values()
         for u in self.active_users:
             if u != self.reference:
@@ -394,12 +405,12 @@ class PoseGraph:
                 values.insert(keys.frame(u), gtsam.Pose2(x, y, yaw))
                 values.insert(keys.height(u), z)
             values.insert(keys.calibration(u), states.calibration[u] - np.array([0.0, 0.0, self._clock[u]]))
-        values.insert(keys.SHARED_CALIBRATION, self._kind(states, np.ones((len(self.users) + 1, 3))))
-        values.insert(keys.MEAN_HEIGHT, self._level(states))
+        values.insert(keys.SHARED_CALIBRATION, self._shared_calibration(states, np.ones((len(self.users) + 1, 3))))
+        values.insert(keys.MEAN_HEIGHT, self._mean_height(states))
         return values
 
     def states(self, values: gtsam.Values, before: States) -> States:
-        """The walks at these values; what is not among them stays as it was before."""
+        """The states at these gtsam values; variables that are not in them keep their value in `before`."""
         frames, calibration = before.anchor_poses.copy(), before.calibration.copy()
         keyframe_poses = [of_user.copy() for of_user in before.keyframe_poses]
         for u in self.active_users:
@@ -414,7 +425,7 @@ class PoseGraph:
         return States(frames, keyframe_poses, calibration)
 
     def last_poses(self, states: States) -> Array:
-        """(k, 4) x, y, z (m), yaw (rad): where each last keyframe is, and how SLAM's axes lie there."""
+        """(k, 4) x, y, z (m), yaw (rad) of each user's last keyframe in the common frame; the yaw is of SLAM's axes."""
         out = states.anchor_poses.copy()
         for u, keyframe_poses in enumerate(states.keyframe_poses):
             out[u, :3] = apply_frames(
@@ -424,36 +435,37 @@ class PoseGraph:
         return out
 
     def prior_variances(self, user: int) -> Array:
-        """(4,) of x, y, z (m^2) and yaw (rad^2), relative to the reference, before any range."""
+        """(4,) prior variances of x, y, z (m^2) and yaw (rad^2) relative to the reference."""
         m = self.parameters
-        height = self._from_level[user] ** 2 + self._from_level[self.reference] ** 2
+        height = self._height_sigma[user] ** 2 + self._height_sigma[self.reference] ** 2
         return np.array([m.priors.place_sigma**2, m.priors.place_sigma**2, height, m.priors.yaw_sigma**2])
 
 
 def calibration_sigmas(parameters: Parameters) -> tuple[Array, Array]:
-    """1 sigma (3,) of log scale, bias (m) and clock (s): of each device's own, and of what all have in common."""
+    """(3,) each, 1 sigma of log scale, bias (m) and clock offset (s): of a device's deviation, of the shared value."""
     m = parameters
     own = np.array([m.devices.scale_sigma, m.devices.bias_sigma, m.devices.clock_sigma])
     return own, np.array([m.devices.scale_common_sigma, m.devices.bias_common_sigma, m.devices.clock_common_sigma])
 
 
 def calibration_dof(parameters: Parameters) -> Array:
-    """Degrees of freedom (3,) of Student's t, as which they are distributed."""
+    """(3,) degrees of freedom of Student's t, the prior of log scale, bias and clock offset."""
     return np.array([parameters.devices.scale_dof, parameters.devices.bias_dof, parameters.devices.clock_dof])
 
 
 def _student(squares: Array, freedom: Array | float, dimension: int) -> tuple[Array, float]:
-    """Of Student's t, given squared distances in units of sigma: the weights of its scale mixture, and its cost.
+    """Weights of Student's t as a scale mixture of normals at squared whitened errors, and its negative log likelihood.
 
-    Scaled so that it bends at 0 like the normal with that sigma: what is smooth because it was solved for, with smaller
-    squares than noise has, must not pass for less noise than there is.
+    With f = freedom + dimension the weight is f / (f + e^2), the cost 0.5 f log(1 + e^2 / f). Its curvature at 0 is
+    that of the unit normal: errors of optimised variables are smaller than the noise, which must not be taken for
+    less noise.
     """
     f = freedom + dimension
     return f / (f + squares), float((0.5 * f * np.log1p(squares / f)).sum())
 
 
 def _links(recording: Recording, measurements: RangeMeasurements) -> Indices:
-    """(n,) a number for each two antennas that measure."""
+    """(n,) a number for the two antennas of each range."""
     a, b = recording.ranges.antenna_a[measurements.row], recording.ranges.antenna_b[measurements.row]
     swapped = recording.ranges.a[measurements.row] != measurements.i
     many = int(max(a.max(initial=0), b.max(initial=0))) + 2

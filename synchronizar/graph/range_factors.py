@@ -1,9 +1,9 @@
-"""Range factors for gtsam, over the C++ core: usable alone, in anybody's NonlinearFactorGraph.
+"""Range factors for gtsam over the C++ core; they can be used alone, in any NonlinearFactorGraph.
 
 A user's frame `common_from_user` is a Pose2 (key F) and a height (double, key H). Where its SLAM poses are variables
-too, a keyframe is a Pose2 and a height in the user's own frame (keys X and Z), and antenna positions are
-given in the keyframe's frame. An antenna at o lies at F (X o_xy), H + Z + o_z, and two antennas at their
-distance: factors/range.h has the equations and the Jacobians.
+too, a keyframe is a Pose2 and a height in the user's own frame (keys X and Z), and antenna positions are in the
+keyframe's frame. An antenna at o lies at F (X o_xy), H + Z + o_z in the common frame; a range predicts the distance of
+two antennas. factors/range.h has the equations and the Jacobians.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from synchronizar._core import Loss
 
 _BLOCK_NOISE = gtsam.noiseModel.Unit.Create(5)
-_DEVICE_BLOCK_NOISE = gtsam.noiseModel.Unit.Create(10)
+_CALIBRATED_BLOCK_NOISE = gtsam.noiseModel.Unit.Create(10)
 
 _Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
 
 
 class UserKeys(NamedTuple):
-    """The gtsam keys that place one user's antennas."""
+    """The gtsam keys on which the positions of a user's antennas depend."""
 
     frame: int
     """Pose2: common_from_user."""
     height: int
     """double (m): the height of the user's origin in the common frame."""
     pose: int | None = None
-    """Pose2: a keyframe in the user's own frame; None where its poses are taken as they are."""
+    """Pose2: a keyframe in the user's own frame; None where SLAM's poses are no variables."""
     local_height: int | None = None
     """double (m): the keyframe's height; present where `pose` is."""
 
@@ -45,7 +45,7 @@ class UserKeys(NamedTuple):
         return [key for key in self if key is not None]
 
     def columns(self, offset: int) -> list[slice]:
-        """Where each key's columns stand in a row of the core, whose columns for this user begin at `offset`."""
+        """The columns of each key in a row of the core, whose columns for this user begin at `offset`."""
         bounds = [(0, 3), (3, 4), (4, 7), (7, 8)]
         return [
             slice(offset + begin, offset + end)
@@ -63,7 +63,7 @@ class UserKeys(NamedTuple):
 
 
 class FixedUser(NamedTuple):
-    """A user that is not estimated: a surveyed anchor, or the reference that holds the gauge."""
+    """A user with a fixed pose: a surveyed anchor, or the reference, which fixes the gauge."""
 
     pose: UserPose
 
@@ -76,7 +76,7 @@ class FixedUser(NamedTuple):
         return []
 
     def read(self, values: gtsam.Values) -> UserPose:  # noqa: ARG002 - the face of UserKeys
-        """The user's pose, whatever the values."""
+        """The fixed pose; the values do not matter."""
         return self.pose
 
 
@@ -113,10 +113,10 @@ class RangeFactor(gtsam.CustomFactor):
 class RangeBlockFactor(gtsam.CustomFactor):
     """Many ranges between the same two users (and the same two keyframes) under a robust loss, as one factor.
 
-    Its error has five rows, whatever the number of ranges, with the cost and, when linearised, the information of
-    all of them: least squares sees of a range's row only its square, and a range has no more than four
-    numbers and a residual to give (factors/range.h). The error's norm is the loss itself, so that an
-    optimiser's acceptance test stays true.
+    Its error has five rows, whatever the number of ranges, with the cost and, when linearised, the information of all
+    of them: least squares depends on a range's row only by its square, and each row is a linear map of four numbers
+    and a residual (factors/range.h). Half the squared norm of the error is the sum of the losses, so an optimiser's
+    acceptance test holds.
     """
 
     def __init__(
@@ -146,33 +146,33 @@ def _columns(present: tuple[bool, ...], offset: int) -> list[slice]:
 
 
 class CalibratedUserKeys(NamedTuple):
-    """The gtsam keys of a user whose device is not perfect; what is None is held where it is."""
+    """The gtsam keys of a user whose device has a calibration; variables whose key is None are fixed."""
 
     frame: int | None
-    """Pose2: common_from_user, of the anchor."""
+    """Pose2: common_from_anchor."""
     height: int | None
     """double (m): the height of the user's origin in the common frame."""
     pose: int | None
-    """Pose2: a keyframe about the anchor, in SLAM's lengths."""
+    """Pose2: a keyframe in the axes of the anchor, SLAM units."""
     local_height: int | None
-    """double: the keyframe's height, in SLAM's lengths."""
+    """double: the keyframe's height, SLAM units."""
     device: int
-    """Vector (3,): log scale, radio bias (m), clock offset (s) beyond the one at which antennas were read."""
+    """Vector (3,): log scale, radio bias (m), clock offset (s) minus the one at which antennas were read."""
     held_frame: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    """x, y, yaw, height, where `frame` is None."""
+    """x, y, yaw, height of the frame where `frame` is None."""
     held_local: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    """The same of the keyframe."""
+    """The same of the keyframe where `pose` is None."""
 
     def keys(self) -> list[int]:
         """Those that are there, in the order of the Jacobians."""
         return [key for key in self[:5] if key is not None]
 
     def columns(self, offset: int) -> list[slice]:
-        """Where each key's columns stand in a row of the core, whose columns for this user begin at `offset`."""
+        """The columns of each key in a row of the core, whose columns for this user begin at `offset`."""
         return _columns(tuple(key is not None for key in self[:5]), offset)
 
     def read(self, values: gtsam.Values) -> tuple[UserPose, Calibration]:
-        """The user's pose and its device at these values."""
+        """The user's pose and its device's calibration at these values."""
         frame, local = self.held_frame, self.held_local
         if self.frame is not None and self.height is not None:
             at = values.atPose2(self.frame)
@@ -184,9 +184,10 @@ class CalibratedUserKeys(NamedTuple):
 
 
 class PoseCache:
-    """What users' keys read, kept while the values stay the same: many blocks share a keyframe.
+    """Cache of users' poses and calibrations at fixed values: many blocks share a keyframe.
 
-    Only who owns the values knows that they do; gtsam's own optimisers do not tell, and read everything anew.
+    It works only for values announced by `hold`; with any others, as in gtsam's own optimisers, everything is read
+    again.
     """
 
     def __init__(self) -> None:
@@ -194,11 +195,11 @@ class PoseCache:
         self._read: dict[CalibratedUserKeys, tuple[UserPose, Calibration]] = {}
 
     def hold(self, values: gtsam.Values | None) -> None:
-        """These values do not change until others are held, or None."""
+        """Announce values that do not change until the next call; None announces none."""
         self._values, self._read = values, {}
 
     def of(self, keys: CalibratedUserKeys, values: gtsam.Values) -> tuple[UserPose, Calibration]:
-        """What `keys` read at these values."""
+        """The pose and calibration of `keys` at these values."""
         if values is not self._values:
             return keys.read(values)
         known = self._read.get(keys)
@@ -208,9 +209,10 @@ class PoseCache:
 
 
 class CalibratedRangeBlockFactor(gtsam.CustomFactor):
-    """Many ranges between the same two keyframes of two devices that are not perfect, as one factor of ten rows.
+    """Many ranges between the same two keyframes of two devices with calibrations, as one factor of ten rows.
 
-    Like RangeBlockFactor: the error's norm is the loss, its rows when linearised carry the ranges' information.
+    As in RangeBlockFactor, half the squared norm of the error is the sum of the losses, and the linearised rows have
+    the ranges' information.
     """
 
     def __init__(
@@ -225,21 +227,21 @@ class CalibratedRangeBlockFactor(gtsam.CustomFactor):
     ) -> None:
         """`annealing` >= 1 widens the loss (graduated non-convexity); factors of a graph may share a `pose_cache`.
 
-        `height_curvature` as `CalibratedRangeBlock.square_root` has it.
+        `height_curvature` (1/m^2) is that of `CalibratedRangeBlock.square_root`.
         """
         columns = i.columns(0) + j.columns(11)
         read = pose_cache or PoseCache()
 
         def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-            pose_i, device_i = read.of(i, values)
-            pose_j, device_j = read.of(j, values)
+            pose_i, calibration_i = read.of(i, values)
+            pose_j, calibration_j = read.of(j, values)
             if jacobians is None:
                 norm = np.zeros(10)
-                norm[0] = np.sqrt(2.0 * block.cost(pose_i, device_i, pose_j, device_j, loss, annealing))
+                norm[0] = np.sqrt(2.0 * block.cost(pose_i, calibration_i, pose_j, calibration_j, loss, annealing))
                 return norm
-            root = block.square_root(pose_i, device_i, pose_j, device_j, loss, annealing, height_curvature)
+            root = block.square_root(pose_i, calibration_i, pose_j, calibration_j, loss, annealing, height_curvature)
             for k, which in enumerate(columns):
                 jacobians[k] = root[:, which]
             return root[:, -1]
 
-        super().__init__(_DEVICE_BLOCK_NOISE, i.keys() + j.keys(), error)
+        super().__init__(_CALIBRATED_BLOCK_NOISE, i.keys() + j.keys(), error)

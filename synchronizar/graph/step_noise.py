@@ -1,9 +1,8 @@
-"""How good each device's SLAM is: the noise of its steps, where the ranges tell.
+"""Noise of each device's SLAM steps, estimated from the ranges by expectation maximisation.
 
-Expectation maximisation (Shumway and Stoffer, J. Time Series Analysis 3, 1982): a step's expected square is that of the
-most likely one plus its posterior variance, in the graph as it is linearised at some walks. Steps count as
-Gaussian here, slips left out: with the weights of Student's t, as which the graph has them, ordinary steps would
-pass for better than they are.
+Shumway and Stoffer (J. Time Series Analysis 3, 1982): the expected square of a step's error is the square at the most
+likely states plus its posterior variance, in the graph linearised at some states. Steps are Gaussian here, and slips
+are left out; with the graph's weights of Student's t, ordinary steps would get too small a noise.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ PLACE, HEADING = range(2)
 
 _OF_ROW = [PLACE, PLACE, HEADING]
 _ROUNDS = 10
-_MOST_KEYFRAMES = 400  # that are looked at together: of a longer walk its middle speaks for the whole
+_MOST_KEYFRAMES = 400  # in the dense matrix: of a longer walk only the middle is used
 
 
 def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array:
-    """(k, 2): how many times as noisy as the model says each user's steps are, in place and in heading.
+    """(k, 2): factor on each user's step sigmas in position and heading, relative to `parameters.slam`.
 
-    1 where the ranges do not tell: the model counts as much as `drift_weight` steps.
+    1 where ranges carry no information on it: the prior counts as `drift_weight` steps with factor 1.
     """
     users = len(graph.users)
     middle = _middle(list(graph.keyframe_keys(set())))
@@ -68,10 +67,10 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array
 def most_likely_noise(
     information: Array, slope: Array, rows: Array, wanted: Array, whose: Indices, users: int, weight: float
 ) -> Array:
-    """(k, 2): by how much to multiply each user's sigmas in place and in heading.
+    """(k, 2): the most likely factor on each user's step sigmas in position and heading.
 
-    Of variables d, all but the steps say 0.5 d' information d - slope' d; step n has the residual rows[n] d - wanted[n]
-    (3,): x, y and heading in units of its sigma. `weight` steps of just that sigma are thrown in.
+    All factors but the steps cost 0.5 d' information d - slope' d in the variables d; step n has the whitened residual
+    rows[n] d - wanted[n] (3,) in x, y and heading. The prior counts as `weight` steps whose factor is 1.
     """
     noise = np.ones((users, 2))
     count = np.bincount(whose, minlength=users)
@@ -88,21 +87,21 @@ def most_likely_noise(
 
 
 def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:
-    """(m - 1,) whether a step is SLAM's own, and none at which it slipped."""
+    """(m - 1,) whether a step is SLAM's own: neither rebuilt nor a slip."""
     frames = graph.keyframes[user]
-    away = (steps(states.keyframe_poses[user], frames) ** 2).sum(axis=1)
-    return np.asarray(~frames.rebuilt & (away < graph.parameters.slam.slip_sigmas**2))
+    squared_error = (steps(states.keyframe_poses[user], frames) ** 2).sum(axis=1)
+    return np.asarray(~frames.rebuilt & (squared_error < graph.parameters.slam.slip_sigmas**2))
 
 
 def _middle(of_keyframes: list[int]) -> dict[int, None]:
-    """So many keys (two a keyframe, in the order of time) as a dense matrix is still quick for."""
+    """The middle `_MOST_KEYFRAMES` keyframes' keys, of two a keyframe in the order of time."""
     spare = max(len(of_keyframes) // 2 - _MOST_KEYFRAMES, 0)
     first = 2 * (spare // 2)
     return dict.fromkeys(of_keyframes[first : first + 2 * _MOST_KEYFRAMES])
 
 
 def _dense(linear: gtsam.GaussianFactorGraph, columns: list[int]) -> tuple[Array, Array]:
-    """The Jacobian by all `columns`, and the right side; gtsam leaves out those that no factor knows."""
+    """The Jacobian by all `columns`, and the right-hand side; gtsam leaves out keys that no factor has."""
     there = linear.keys()
     known = [key for key in columns if there.count(key)]
     jacobian, wanted = linear.jacobian(keys.ordering(known))

@@ -1,1 +1,1 @@
-"""From a recording to what the solver takes: repaired tracks, keyframes, range measurements."""
+"""From a recording to the solver's input: repaired tracks, keyframes, range measurements and their weights."""

@@ -1,8 +1,8 @@
-"""Frames about the middle of each user's walk instead of its SLAM origin, and back.
+"""Frames about the centroid of each user's walk instead of its SLAM origin, and back.
 
-A walk may lie far from the origin of its own SLAM. There, an error in heading moves the walk as much as one in place,
-and neither a prior on the frame's place nor a step of an optimiser means what it says. So everything is solved about
-the middle m of the walk, p' = p - m, and the answer is told about the origin again:
+A walk may lie far from its SLAM origin. Then an error in yaw moves the walk as much as one in position, and priors and
+optimiser steps on the frame's position no longer describe that of the walk. So frames are solved about the centroid m
+of the walk, p' = p - m, and the result is transformed back to the origin:
 
     p_common = R p' + t'  =  R p + (t' - R m),   and about the reference's own origin + m_reference
 """
@@ -18,9 +18,9 @@ from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 
 def centroids(measurements: RangeMeasurements, users: int) -> Array:
-    """(k, 3) m: the mean place in the plane of each user's antennas in its own frame.
+    """(k, 3) m: horizontal centroid of each user's antennas in its own frame.
 
-    0 in height, which has its own prior, and for users without samples.
+    0 in height, which has its own prior, and for users without ranges.
     """
     ends = np.concatenate([measurements.i, measurements.j])
     places = np.concatenate([measurements.p_i, measurements.p_j])
@@ -30,27 +30,28 @@ def centroids(measurements: RangeMeasurements, users: int) -> Array:
 
 
 def centered(measurements: RangeMeasurements, middle: Array) -> RangeMeasurements:
-    """The same samples about the users' middles (k, 3)."""
+    """The same ranges, antenna positions about the users' centroids `middle` (k, 3) m."""
     return replace(
         measurements, p_i=measurements.p_i - middle[measurements.i], p_j=measurements.p_j - middle[measurements.j]
     )
 
 
 def about_origins(frames: Array, middle: Array, reference: int) -> Array:
-    """Frames (k, 4) x, y, z, yaw about the middles -> about the origins, the common one being the reference's own."""
+    """Frames (k, 4) x, y, z, yaw about the users' origins from those about centroids; common is the reference's own."""
     out = frames.copy()
-    out[:, :2] += middle[reference, :2] - _turned(frames, middle)
+    out[:, :2] += middle[reference, :2] - _rotated(frames, middle)
     return out
 
 
 def errors_about_origins(frames: Array, middle: Array) -> Array:
-    """(k, 4, 4) derivatives of x, y, z, yaw about the origins by those about the middles."""
+    """(k, 4, 4) derivatives of x, y, z, yaw about the origins by those about the centroids."""
     out = np.tile(np.eye(4), (len(frames), 1, 1))
-    turned = _turned(frames, middle)
-    out[:, 0, 3], out[:, 1, 3] = turned[:, 1], -turned[:, 0]
+    rotated = _rotated(frames, middle)
+    out[:, 0, 3], out[:, 1, 3] = rotated[:, 1], -rotated[:, 0]
     return out
 
 
-def _turned(frames: Array, middle: Array) -> Array:
+def _rotated(frames: Array, middle: Array) -> Array:
+    """(k, 2) m: R(yaw) m of each user."""
     c, s = np.cos(frames[:, 3]), np.sin(frames[:, 3])
     return np.column_stack([c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1]])

@@ -1,4 +1,4 @@
-"""What bounds a walk: the places where an error in its frame shows most."""
+"""Extent points of a walk: its outermost points, where an error of its frame shows most."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SIDES = np.array([[1, 0, 0], [0, 1, 0], [1, 1, 0], [1, -1, 0]], dtype=float)
 
 
 def extent_points(recording: Recording) -> Array:
-    """Points (k, c, 3) of each user's own track that bound it: its ends, and the furthest to eight sides."""
+    """Extent points (k, c, 3) m of each user's own track: both ends, and the furthest in 8 horizontal directions."""
     extent = np.zeros((len(recording.users), 2 + 2 * len(_SIDES), 3))
     for u, user in enumerate(recording.users):
         if not user.static:

@@ -1,4 +1,4 @@
-"""Where each device's SLAM says it was, about once a second, and how far the steps in between can be trusted."""
+"""Keyframes: SLAM poses about once a second, the sigmas of the steps between them, antennas relative to them."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack
 
-_REACH = 0.1  # s: over which to either side a velocity is taken
-_LEAST_SIGMA = 1e-4  # m and rad: a step that is known any better makes the system singular in its numbers
+_REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
+_LEAST_SIGMA = 1e-4  # m and rad: smaller step sigmas make the linear system numerically singular
 
 
 @dataclass(frozen=True)
 class Keyframes:
-    """n poses of one device in its own frame, jumps mended; one at the origin for a radio that stands still."""
+    """n keyframes of one device in its own SLAM frame, jumps repaired; one at the origin for a static radio."""
 
     t: Array
-    """(n,) s, own stamps."""
+    """(n,) s, the track's stamps."""
     place: Array
-    """(n, 3) SLAM's lengths."""
+    """(n, 3) position, SLAM units."""
     step_sigma: Array
-    """(n - 1, 3): 1 sigma of each step in the plane (m, each axis), in height (m) and in heading (rad)."""
+    """(n - 1, 3): 1 sigma of each step in x and y (m), in height (m) and in yaw (rad)."""
     until: Array
-    """(n - 1,) s: when one keyframe's turn ends and the next one's begins."""
+    """(n - 1,) s: boundaries between the slots of consecutive keyframes."""
     rebuilt: Mask
-    """(n - 1,) whether a step is none of SLAM's: it jumped, or had lost gravity."""
+    """(n - 1,) whether a step was rebuilt or lost gravity, so that its sigma is not SLAM's."""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -42,35 +42,36 @@ class Keyframes:
 
     @property
     def anchor(self) -> Array:
-        """(3,) what the device's own frame is solved about: its first place, but its own origin in height."""
+        """(3,) SLAM units: origin of the anchor's axes in the device's own frame, the first x and y, and height 0."""
         return np.append(self.place[0, :2], 0.0)
 
     def nearest(self, t: Array) -> Indices:
-        """(m,) the keyframe whose turn it is at each time."""
+        """(m,) the keyframe in whose slot each time lies."""
         return np.searchsorted(self.until, t).astype(np.int32)
 
 
 STATIC_KEYFRAME = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
-"""Of a radio that stands still."""
+"""The only keyframe of a static radio."""
 
 
 def keyframes_of(
     repaired: RepairedTrack, interval: float, parameters: Parameters, noise: tuple[float, float] = (1.0, 1.0)
 ) -> Keyframes:
-    """At multiples of `interval` s, at both ends of the track, and on both sides of each jump and gap.
+    """The keyframes of a track: at multiples of `interval` s, at both ends, and on both sides of each jump and gap.
 
-    `noise`: how many times as far as the model says this SLAM drifts, in place and in heading.
+    `noise` are factors on the drift of `parameters.slam`, in position and in heading. The variance of a step is
+    drift_m_per_sqrt_s^2 dt + drift_m_per_sqrt_m^2 way; that of its turn is alike.
     """
     track, segment = repaired.track, repaired.segment
     broken = (np.diff(segment) != 0) | (np.diff(track.t) > parameters.slam.longest_pose_gap)
     begins = np.concatenate([[0], np.flatnonzero(broken) + 1])
     ends = np.concatenate([begins[1:], [len(track)]]) - 1
-    pieces = [_spread(track.t, int(a), int(b), interval) for a, b in zip(begins, ends, strict=True)]
+    pieces = [_keyframe_rows(track.t, int(a), int(b), interval) for a, b in zip(begins, ends, strict=True)]
     at = np.concatenate([of_piece for of_piece, _ in pieces])
     due = np.concatenate([of_piece for _, of_piece in pieces])
 
-    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
-    dt, way = np.diff(track.t[at]), np.diff(gone[at])
+    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
+    dt, way = np.diff(track.t[at]), np.diff(travelled[at])
     jumped = np.diff(segment[at]) != 0
     metres = noise[0] * np.sqrt(
         parameters.slam.drift_m_per_sqrt_s**2 * dt + parameters.slam.drift_m_per_sqrt_m**2 * way
@@ -78,19 +79,19 @@ def keyframes_of(
     radians = noise[1] * np.sqrt(
         parameters.slam.drift_rad_per_sqrt_s**2 * dt + parameters.slam.drift_rad_per_sqrt_m**2 * way
     )
-    # SLAM that had lost gravity knew of a step its length at best.
+    # Where SLAM had lost gravity only the length of a step is known.
     lost = ~repaired.level[segment[at[:-1]]]
     metres = np.hypot(metres, np.where(lost, way, 0.0))
     metres = np.where(jumped, parameters.slam.jump_sigma_m, metres)
     radians = np.where(jumped, parameters.slam.jump_sigma_rad, radians)
     sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA)
-    return Keyframes(track.t[at], track.position[at], sigma, _between(due), jumped | lost)
+    return Keyframes(track.t[at], track.position[at], sigma, _midpoints(due), jumped | lost)
 
 
-def _spread(t: Array, begin: int, end: int, interval: float) -> tuple[Indices, Array]:
-    """Indices from begin to end, both among them, and when (s) they were due: at multiples of the interval.
+def _keyframe_rows(t: Array, begin: int, end: int, interval: float) -> tuple[Indices, Array]:
+    """Rows from begin to end, both included, and the times (s) they stand for: multiples of the interval.
 
-    All devices have theirs at the same times, but for their clocks, so that ranges fall into few blocks.
+    All devices use the same times, up to their clock offsets, so that ranges fall into few blocks.
     """
     multiples = np.arange(np.ceil(t[begin] / interval), np.floor(t[end] / interval) + 1) * interval
     inner = multiples[(multiples > t[begin] + 0.5 * interval) & (multiples < t[end] - 0.5 * interval)]
@@ -99,22 +100,22 @@ def _spread(t: Array, begin: int, end: int, interval: float) -> tuple[Indices, A
     return at.astype(np.int32), due[first]
 
 
-def _between(t: Array) -> Array:
+def _midpoints(t: Array) -> Array:
     return np.asarray(0.5 * (t[1:] + t[:-1]))
 
 
 @dataclass(frozen=True)
 class RangeEnds:
-    """What n ranges see of one of their two devices: the antenna beside its keyframe, in the keyframe's axes."""
+    """One end of n ranges: the antenna relative to its device's keyframe, in the keyframe's axes."""
 
     keyframe: Indices
-    """(n,)"""
+    """(n,) index of the keyframe."""
     offset: Array
-    """(n, 3) from the keyframe, SLAM's lengths."""
+    """(n, 3) from the keyframe to the device, SLAM units."""
     lever: Array
-    """(n, 3) m, from there to the antenna."""
+    """(n, 3) m, lever arm from the device to the antenna."""
     velocity: Array
-    """(n, 3) m/s, of the antenna."""
+    """(n, 3) m/s, velocity of the antenna."""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -123,7 +124,7 @@ class RangeEnds:
 def range_ends(
     recording: Recording, measurements: RangeMeasurements, who: Indices, keyframes: list[Keyframes], clock_offset: Array
 ) -> RangeEnds:
-    """The end `who` (n,) of each sample, read from the tracks at range time + clock_offset (k,) of the user."""
+    """The ends of ranges at users `who` (n,), read from the tracks at range time + their `clock_offset` (k,) s."""
     n = len(measurements)
     ranges, row = recording.ranges, measurements.row
     antenna = np.where(ranges.a[row] == who, ranges.antenna_a[row], ranges.antenna_b[row])
@@ -141,7 +142,7 @@ def range_ends(
             sum(_antennas(track, user, before, antenna[mine])),
             sum(_antennas(track, user, after, antenna[mine])),
         )
-        # By the ranges' clock: any keyframe near is good, and so both ends change theirs at the same time.
+        # By the range clock: any near keyframe will do, and both ends change theirs at the same time.
         keyframe[mine] = keyframes[u].nearest(measurements.t[mine])
         offset[mine] = place - keyframes[u].place[keyframe[mine]]
         lever[mine] = arm
@@ -150,6 +151,6 @@ def range_ends(
 
 
 def _antennas(track: Track, user: User, t: Array, antenna: Indices) -> tuple[Array, Array]:
-    """(n, 3) each: where the device was, and the lever arms from there to its antennas."""
+    """(n, 3) each: device positions (SLAM units) and lever arms to its antennas (m), in the SLAM frame."""
     poses = track.at(t, np.inf)
     return poses.position, rotate_by_quaternions(poses.quat_xyzw, user.levers[antenna])

@@ -1,4 +1,4 @@
-"""The recording as the solver sees it: for each range where both antennas were, each in its own user's frame."""
+"""Range measurements: the usable ranges of a recording with both antenna positions, each in its user's own frame."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from synchronizar.parameters import Parameters
 
 @dataclass(frozen=True)
 class RangeMeasurements:
-    """n usable ranges, sorted by pair of users and, within a pair, by time; i < j are indices of users."""
+    """n usable ranges, sorted by pair of users and within a pair by time; i < j are indices of users."""
 
     i: Indices
-    """(n,) the one user."""
+    """(n,) first user."""
     j: Indices
-    """(n,) the other, j > i."""
+    """(n,) second user, j > i."""
     t: Array
-    """(n,) s, the range clock."""
+    """(n,) s, stamp by the range clock."""
     p_i: Array
-    """(n, 3) m: the antenna in i's own frame."""
+    """(n, 3) m, antenna in i's own frame."""
     p_j: Array
-    """(n, 3) m: the antenna in j's own frame."""
+    """(n, 3) m, antenna in j's own frame."""
     distance: Array
-    """(n,) m, measured."""
+    """(n,) m, measured distance."""
     sigma: Array
-    """(n,) m, of an honest range."""
+    """(n,) m, 1 sigma of a line-of-sight range."""
     nlos_odds: Array
-    """(n,) P(late) / P(not late), before its residual is known."""
+    """(n,) prior odds P(NLOS) / P(not NLOS), before the residual is known."""
     row: Indices
-    """(n,) which range of the recording it is."""
+    """(n,) row of the recording's ranges."""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -45,12 +45,12 @@ class RangeMeasurements:
         return len(self.i)
 
     def __getitem__(self, which: slice | Mask | Indices) -> RangeMeasurements:
-        """The samples that a slice, a mask or an index array picks; their order must stay sorted by pair."""
+        """The ranges selected by a slice, mask or index array, which must keep them sorted by pair."""
         return RangeMeasurements(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
 
 class Pair(NamedTuple):
-    """Two users that range to each other, and where their samples stand."""
+    """Two users that range to each other, and the slice of their ranges."""
 
     i: int
     j: int
@@ -58,7 +58,7 @@ class Pair(NamedTuple):
 
 
 def pairs(measurements: RangeMeasurements) -> Iterator[Pair]:
-    """Each pair of users that has samples, with the slice that holds them."""
+    """Each pair of users with ranges, and the slice of these."""
     if not len(measurements):
         return
     change = np.flatnonzero(np.diff(measurements.i) | np.diff(measurements.j)) + 1
@@ -70,8 +70,8 @@ def pairs(measurements: RangeMeasurements) -> Iterator[Pair]:
 def range_measurements(recording: Recording, parameters: Parameters) -> RangeMeasurements:
     """The usable ranges of a recording.
 
-    A range is usable where its number can be a distance and both devices' places at that time are known. One that
-    repeats another to the letter (same time, devices, antennas and number) counts once.
+    A range is usable where its value can be a distance and both devices' positions at that time are known. An exact
+    duplicate (same time, devices, antennas and value) counts once.
     """
     ranges = recording.ranges
     distance = ranges.distance
@@ -100,7 +100,7 @@ def range_measurements(recording: Recording, parameters: Parameters) -> RangeMea
     order = order[np.concatenate([[True], ~same])] if len(order) else order
 
     sigma = np.where(np.isnan(ranges.sigma), parameters.ranges.sigma, ranges.sigma)[order]
-    late_share = _late_share(ranges, parameters)[order]
+    nlos_share = _nlos_share(ranges, parameters)[order]
     swapped = swap[order, None]
     return RangeMeasurements(
         i=i[order],
@@ -110,26 +110,26 @@ def range_measurements(recording: Recording, parameters: Parameters) -> RangeMea
         p_j=np.where(swapped, p_a[order], p_b[order]),
         distance=distance[order],
         sigma=sigma,
-        nlos_odds=late_share / (1.0 - late_share),
+        nlos_odds=nlos_share / (1.0 - nlos_share),
         row=order.astype(np.int32),
     )
 
 
-def _late_share(ranges: Ranges, parameters: Parameters) -> Array:
-    """How probable it is (n,) that each range is late, before its residual is known.
+def _nlos_share(ranges: Ranges, parameters: Parameters) -> Array:
+    """(n,) prior probability that each range is NLOS, before its residual is known.
 
-    High where the radio itself takes the signal for late; else from the power that did not come by the first path
-    (DW1000 user manual 4.7: below 6 dB line of sight, above 10 dB none; in between linear); else low where the radio
-    takes it for direct, and the model's share where nothing is known.
+    `nlos_share_blocked` where the radio reports NLOS; else by received minus first-path power (DW1000 user manual 4.7:
+    below 6 dB line of sight, above 10 dB none; linear in between); else `nlos_share_clear` where the radio reports line
+    of sight, and `nlos_share` where nothing is known.
     """
     share = np.full(len(ranges), parameters.ranges.nlos_share)
-    beside_first_path = ranges.rx_power - ranges.fp_power
-    blocked = (beside_first_path - parameters.ranges.power_clear_db) / (
+    power_difference = ranges.rx_power - ranges.fp_power
+    blocked = (power_difference - parameters.ranges.power_clear_db) / (
         parameters.ranges.power_blocked_db - parameters.ranges.power_clear_db
     )
     by_power = parameters.ranges.nlos_share_clear + np.clip(blocked, 0.0, 1.0) * (
         parameters.ranges.nlos_share_blocked - parameters.ranges.nlos_share_clear
     )
-    share = np.where(np.isnan(beside_first_path), share, by_power)
+    share = np.where(np.isnan(power_difference), share, by_power)
     share = np.where(ranges.nlos == 1.0, parameters.ranges.nlos_share_blocked, share)
-    return np.where((ranges.nlos == 0.0) & np.isnan(beside_first_path), parameters.ranges.nlos_share_clear, share)
+    return np.where((ranges.nlos == 0.0) & np.isnan(power_difference), parameters.ranges.nlos_share_clear, share)

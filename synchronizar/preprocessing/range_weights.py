@@ -1,9 +1,10 @@
-"""What a range is worth: errors that hang together in time tell less than their number.
+"""Range weights: each range counts as so many independent ones, since range errors are correlated in time.
 
-A range's error is part noise and part reflections, antennas and bodies, which stay for seconds. Of n ranges in the time
-for which errors hang together, correlated by rho, the mean has not the variance s^2 / n but about
-s^2 (1 + rho (n - 1)) / n, so each counts for 1 / (1 + rho (n - 1)) only. That is a composite likelihood (Varin, Reid
-and Firth, Statistica Sinica 21, 2011, 5-42), whose size is put right; rho is measured on the residuals.
+A range's error is part noise and part reflections, antennas and bodies, which stay for seconds. The mean of n ranges
+within the correlation time, with correlation rho, does not have the variance s^2 / n but about s^2 (1 + rho (n - 1)) /
+n, so each range counts as 1 / (1 + rho (n - 1)) independent ones. That is a composite likelihood with adjusted size
+(Varin, Reid and Firth, Statistica Sinica 21, 2011, 5-42); rho is measured on the residuals. The weight is not a robust
+one: that comes from the loss.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from synchronizar.preprocessing.range_measurements import RangeMeasurements, pai
 
 
 def neighbour_counts(measurements: RangeMeasurements, parameters: Parameters) -> Array:
-    """(n,) how many ranges of the same pair there are within `multipath_duration` to either side, itself included."""
+    """(n,) number of ranges of the same pair within `multipath_duration` before or after each, itself included."""
     out = np.ones(len(measurements))
     half = parameters.ranges.multipath_duration
     for pair in pairs(measurements):
@@ -26,7 +27,7 @@ def neighbour_counts(measurements: RangeMeasurements, parameters: Parameters) ->
 
 
 def prior_range_weights(measurements: RangeMeasurements, parameters: Parameters) -> Array:
-    """(n,) as how many independent ranges each counts, before any residual is known."""
+    """(n,) initial range weights, with the prior correlation: 1 / (1 + rho (n - 1))."""
     return np.asarray(
         1.0 / (1.0 + parameters.ranges.multipath_correlation * (neighbour_counts(measurements, parameters) - 1.0))
     )
@@ -34,19 +35,20 @@ def prior_range_weights(measurements: RangeMeasurements, parameters: Parameters)
 
 def measured_range_weights(
     measurements: RangeMeasurements,
-    judged_sigma: Array,
+    model_sigma: Array,
     whitened: Array,
     weight: Array,
     links: Indices,
     parameters: Parameters,
 ) -> Array:
-    """(n,) as how many independent ranges with an error of `judged_sigma` each counts.
+    """(n,) range weights measured on residuals: each range counts as so many independent ones of `model_sigma` (m).
 
-    `whitened` (n,) are residuals over judged_sigma, `weight` (n,) what the loss gives them. How large errors are is
-    measured pair by pair, and never taken for less than the recording's own sigma; how they hang together is measured
-    on those that follow each other within `multipath_neighbours` between the same antennas (`links` (n,) numbers
-    these), in all pairs together. Where a share r of them is late, some of these pass for honest and some that are
-    honest do not: what is left is worth 1 / (1 + 4 r (1 - r)).
+    `whitened` (n,) are residuals over model_sigma, `weight` (n,) the loss's weights. The variance of errors is measured
+    for each pair, shrunk towards that of all pairs, and is at least the recording's own sigma squared. Their
+    correlation is measured over all pairs together, on neighbours: ranges between the same antennas (numbered by
+    `links` (n,)) that are closer in time than `multipath_neighbour_gap`. Where a share r of a pair's ranges is NLOS,
+    some of these pass for line-of-sight and the reverse, so the weights are divided by 1 + c r (1 - r) with
+    c = `nlos_confusion`.
     """
     score = weight * whitened
     product = both = 0.0
@@ -66,7 +68,7 @@ def measured_range_weights(
     correlation = (
         parameters.ranges.multipath_weight * parameters.ranges.multipath_correlation + product
     ) / weight_of_all
-    # What chance alone might show is none (the positive part of James and Stein's shrinkage).
+    # A correlation that may be chance counts as none (positive-part James-Stein shrinkage).
     by_chance = parameters.ranges.multipath_chance / np.sqrt(weight_of_all)
     correlation = min(
         max(correlation - by_chance**2 / max(correlation, by_chance), 0.0),
@@ -74,17 +76,17 @@ def measured_range_weights(
     )
     independent = 1.0 / (1.0 + correlation * (neighbour_counts(measurements, parameters) - 1.0))
 
-    nominal = (measurements.sigma / judged_sigma) ** 2
+    nominal = (measurements.sigma / model_sigma) ** 2
     of_all = sum(squares) / max(sum(weights), 1e-9)
-    late_of_all = float((weight < 0.5).mean()) if len(weight) else 0.0
+    nlos_share_of_all = float((weight < 0.5).mean()) if len(weight) else 0.0
     variance = np.empty(len(measurements))
     for pair, square, count in zip(pairs(measurements), squares, weights, strict=True):
         k = pair.measurements
-        late = (parameters.ranges.pair_weight * late_of_all + float((weight[k] < 0.5).sum())) / (
+        nlos_share = (parameters.ranges.pair_weight * nlos_share_of_all + float((weight[k] < 0.5).sum())) / (
             parameters.ranges.pair_weight + k.stop - k.start
         )
         variance[k] = np.maximum(
             (parameters.ranges.pair_weight * of_all + square) / (parameters.ranges.pair_weight + count), nominal[k]
         )
-        variance[k] *= 1.0 + parameters.ranges.nlos_confusion * late * (1.0 - late)
+        variance[k] *= 1.0 + parameters.ranges.nlos_confusion * nlos_share * (1.0 - nlos_share)
     return np.asarray(independent / variance)

@@ -1,8 +1,8 @@
-"""Where a device's SLAM re-localised, found in its own track alone, and the track as if it had not.
+"""Relocalisation jumps of a device's SLAM: found in its track alone, and removed from it.
 
-A pose that jumps says nothing of how the device moved, but its neighbours do: in body axes velocity and angular rate go
-on, whatever became of SLAM's axes. So the impossible step is rebuilt from them, and all that follows is carried along
-by one rigid map per piece between jumps.
+A jump carries no information on the device's motion, but the steps beside it do: velocity and angular rate in body axes
+continue, whatever happened to SLAM's axes. So an impossible step is rebuilt from its neighbours, and each segment after
+a jump is transformed rigidly to continue the one before.
 """
 
 from __future__ import annotations
@@ -21,27 +21,28 @@ from synchronizar.parameters import Parameters
 
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _UP = np.array([0.0, 0.0, 1.0])
-_PASSES = 4  # of the search: each leaves out of the neighbours what the one before has found
+_PASSES = 4  # of the search: each excludes the jumps found so far from the neighbours
 _FEWEST_NEIGHBOURS = 3
 
 
 @dataclass(frozen=True)
 class RepairedTrack:
-    """A track without its jumps."""
+    """A track with its jumps removed."""
 
     track: Track
-    """The same stamps; continuous, level. Begins at SLAM's own place and heading; at its height where that is level."""
+    """Same stamps; continuous and level. It begins at SLAM's own position and yaw; its height is that of the first
+    level segment."""
     jumps: tuple[Jump, ...]
     segment: Indices
-    """(n,) which piece between jumps each pose belongs to; 0 before the first jump."""
+    """(n,) index of the segment between jumps that each pose belongs to; 0 before the first jump."""
     repaired_from_slam: Array
-    """(segments, 4) quaternions x y z w: a mended attitude is this times SLAM's."""
+    """(segments, 4) quaternions x y z w: a repaired attitude is this times SLAM's."""
     level: Mask
-    """(segments,) whether SLAM knew where up was. Where not, its steps are taken for level: they tell no heights."""
+    """(segments,) whether SLAM's vertical was right. Where not, its steps are taken for horizontal."""
 
 
 def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrack:
-    """Find the jumps of a track and rebuild it without them; with none, the very same track comes back."""
+    """The repaired track; without jumps it is the given track itself."""
     steps = _steps(track)
     jumped = np.zeros(len(steps.dt), dtype=bool)
     if len(track) > 1:
@@ -52,82 +53,82 @@ def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrac
         return RepairedTrack(track, (), segment, _IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
 
     at = _rows(jumped)
-    unrest = _unrest(_predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).turned)
-    least_tilt = max(parameters.slam.jump_tilt, parameters.slam.jump_spread * unrest)
-    continued, way = _continue(track, steps, jumped, least_tilt, parameters)
-    repaired_from_slam, level = _level(track, segment, continued, least_tilt)
+    noise = _noise_level(_predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).attitude_error)
+    least_tilt = max(parameters.slam.jump_tilt, parameters.slam.jump_spread * noise)
+    continued, way = _rebuild_jumps(track, steps, jumped, least_tilt, parameters)
+    repaired_from_slam, level = _level_segments(track, segment, continued, least_tilt)
 
     attitude = multiply_quaternions(repaired_from_slam[segment], track.quat_xyzw)
-    ways = rotate_by_quaternions(repaired_from_slam[segment[:-1]], way)
-    ways[:, 2] *= level[segment[:-1]]
-    position = track.position[0] + np.vstack([np.zeros(3), np.cumsum(ways, axis=0)])
+    repaired_way = rotate_by_quaternions(repaired_from_slam[segment[:-1]], way)
+    repaired_way[:, 2] *= level[segment[:-1]]
+    position = track.position[0] + np.vstack([np.zeros(3), np.cumsum(repaired_way, axis=0)])
     first_level = int(np.argmax(level[segment]))
     position[:, 2] += track.position[first_level, 2] - position[first_level, 2]
     change = multiply_quaternions(_inverse(continued[1:]), continued[:-1])
-    away = np.linalg.norm(steps.way[at] - way[at], axis=1)
+    jump_lengths = np.linalg.norm(steps.way[at] - way[at], axis=1)
     jumps = tuple(
         Jump(float(track.t[k + 1]), int(k) + 1, float(distance), float(turn), float(tilt))
-        for k, distance, turn, tilt in zip(at, away, yaw_of_quaternions(change), _tilt(change), strict=True)
+        for k, distance, turn, tilt in zip(at, jump_lengths, yaw_of_quaternions(change), _tilt(change), strict=True)
     )
     return RepairedTrack(Track(track.t, position, _unit(attitude)), jumps, segment, repaired_from_slam, level)
 
 
 class _Steps(NamedTuple):
-    """What happens from each of n + 1 poses to the next."""
+    """The n steps between consecutive poses of a track."""
 
     begin: Array
-    """(n,) s."""
+    """(n,) s, stamp of the pose before the step."""
     dt: Array
     """(n,) s."""
     way: Array
-    """(n, 3) m, SLAM's axes."""
+    """(n, 3) m, displacement in SLAM's axes."""
     twist: Array
     """(n, 9): velocity in body axes, velocity in SLAM's axes (m/s), angular rate in body axes (rad/s)."""
 
     @property
-    def stretch(self) -> Array:
-        """(n,) by how much what a usual step tells wrongly of velocity grows over each."""
+    def noise_factor(self) -> Array:
+        """(n,) velocity-noise factor: dt / median dt, at least 1."""
         return np.maximum(self.dt / np.median(self.dt), 1.0)
 
 
 class _Prediction(NamedTuple):
-    """What their neighbours say of n steps."""
+    """Prediction of n steps from the steps beside them."""
 
     twist: Array
-    """(n, 9) as in steps: the mean of both sides' medians."""
-    away: Array
-    """(n,) m: how far the step leads from all that they allow."""
-    turned: Array
+    """(n, 9) as in `_Steps`: mean of the medians before and after."""
+    position_error: Array
+    """(n,) m: distance of the step from any that the neighbours' velocities allow."""
+    attitude_error: Array
     """(n,) rad: the same of the attitude."""
 
 
 def _steps(track: Track) -> _Steps:
     q = track.quat_xyzw
     dt, way = np.diff(track.t), np.diff(track.position, axis=0)
-    unturned = _inverse(q[:-1])
-    body_way = rotate_by_quaternions(unturned, way)
-    turn = _rotation_vector(multiply_quaternions(unturned, q[1:]))
+    inverse = _inverse(q[:-1])
+    body_way = rotate_by_quaternions(inverse, way)
+    turn = _rotation_vector(multiply_quaternions(inverse, q[1:]))
     return _Steps(track.t[:-1], dt, way, np.column_stack([body_way, way, turn]) / dt[:, None])
 
 
 def _jumped_by_position(steps: _Steps, parameters: Parameters) -> Mask:
-    """(n,) which steps lead where no device could have gone.
+    """(n,) which steps are jumps by their displacement.
 
-    A jump must exceed what is worth mending; what acceleration makes of a step that begins and ends with the
-    neighbours' velocity, a dt^2 / 4; and the track's own unrest. A jump that fell between the stamps of a track that
-    was resampled shows in two steps, so beside one that jumped half of either bound is enough.
+    A jump must exceed: the least one that is worth repairing; a dt^2 / 4, the most that the acceleration a makes of a
+    step that begins and ends with the neighbours' velocity; and the track's own noise level. In a resampled track a
+    jump between two stamps shows in two steps, so beside a jump half of the first two bounds is enough.
     """
     least = np.maximum(parameters.slam.jump_least, 0.25 * parameters.slam.jump_acceleration * steps.dt**2)
-    spread = parameters.slam.jump_spread * steps.stretch
+    spread = parameters.slam.jump_spread * steps.noise_factor
     jumped = np.zeros(len(steps.dt), dtype=bool)
     for _ in range(_PASSES):
-        away = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).away
-        unrest = spread * _unrest(away)
-        found = away > np.maximum(least, unrest)
+        error = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).position_error
+        noise = spread * _noise_level(error)
+        found = error > np.maximum(least, noise)
         beside = np.zeros_like(found)
         beside[1:] |= found[:-1]
         beside[:-1] |= found[1:]
-        found |= beside & (away > np.maximum(0.5 * least, unrest))
+        found |= beside & (error > np.maximum(0.5 * least, noise))
         if (found == jumped).all():
             break
         jumped = found
@@ -135,15 +136,15 @@ def _jumped_by_position(steps: _Steps, parameters: Parameters) -> Mask:
 
 
 def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, parameters: Parameters) -> Mask:
-    """(n,) which other steps show that SLAM's axes turned about the device.
+    """(n,) which other steps are jumps by their attitude: SLAM's axes turned about the device.
 
-    The attitude turns as no device can, and does not come back within a moment; else it was the attitude alone that
-    went wrong. Whether the velocity agrees is asked of these as of every jump.
+    The attitude turns faster than a device can, and does not return within `glitch_duration`; one that returns was a
+    glitch of the attitude alone. As at every jump, velocities then decide whether axes or attitude turned.
     """
-    turned = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).turned
-    unrest = parameters.slam.jump_spread * steps.stretch * _unrest(turned)
-    least = np.maximum(np.maximum(unrest, parameters.slam.jump_turn), parameters.slam.jump_rate * steps.dt)
-    candidates = _rows((turned > least) & ~jumped)
+    error = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).attitude_error
+    noise = parameters.slam.jump_spread * steps.noise_factor * _noise_level(error)
+    least = np.maximum(np.maximum(noise, parameters.slam.jump_turn), parameters.slam.jump_rate * steps.dt)
+    candidates = _rows((error > least) & ~jumped)
     found = np.zeros_like(jumped)
     if not len(candidates):
         return found
@@ -154,18 +155,19 @@ def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, parameters: P
         before, after = moment[0], moment[-1] + 1
         earlier = np.searchsorted(track.t, track.t[before] - parameters.slam.glitch_duration)
         later = np.searchsorted(track.t, track.t[after] + parameters.slam.glitch_duration, side="right")
-        apart = np.append(_angle_between(q[before], q[after:later]), _angle_between(q[after], q[earlier : before + 1]))
-        if apart.min() > 0.5 * turned[moment].max():
+        angles = np.append(_angle_between(q[before], q[after:later]), _angle_between(q[after], q[earlier : before + 1]))
+        if angles.min() > 0.5 * error[moment].max():
             found[moment] = not _axes_stayed(steps, jumped, moment, parameters)
     return found
 
 
 def _predict(steps: _Steps, good: Mask, neighbours: int, parameters: Parameters) -> _Prediction:
-    """What so many good steps on either side of it say of each step.
+    """Each step as predicted by the medians of so many good steps before and after it.
 
-    A device that starts, stops or turns has another velocity on either side, and any in between on the way: only what
-    leads away from the line between both is unpredicted. Bodies that turn go on in body axes, which matters where one
-    side alone tells; attitudes that go wrong leave the velocity in SLAM's axes: the one that explains more counts.
+    A device that starts, stops or turns has different velocities before and after, and any in between during the step:
+    the error is the distance from the segment between both. Velocity of a device that turns continues in body axes,
+    which matters where only one side has neighbours; where the attitude is wrong it continues in SLAM's axes. The
+    smaller error of both counts.
     """
     end = steps.begin + steps.dt
     middle = 0.5 * (steps.begin + end)
@@ -182,19 +184,21 @@ def _predict(steps: _Steps, good: Mask, neighbours: int, parameters: Parameters)
     (before, n_before), (after, n_after) = sides
     before, after = np.where(n_before[:, None], before, after), np.where(n_after[:, None], after, before)
 
-    body, slam, rate = (_off_the_line(*(a[:, i : i + 3] for a in (steps.twist, before, after))) for i in (0, 3, 6))
-    judged = np.where(n_before + n_after >= _FEWEST_NEIGHBOURS, steps.dt, 0.0)
-    return _Prediction(0.5 * (before + after), judged * np.minimum(body, slam), judged * rate)
+    body, slam, rate = (
+        _distance_to_segment(*(a[:, i : i + 3] for a in (steps.twist, before, after))) for i in (0, 3, 6)
+    )
+    predicted = np.where(n_before + n_after >= _FEWEST_NEIGHBOURS, steps.dt, 0.0)
+    return _Prediction(0.5 * (before + after), predicted * np.minimum(body, slam), predicted * rate)
 
 
-def _continue(
+def _rebuild_jumps(
     track: Track, steps: _Steps, jumped: Mask, least_tilt: float, parameters: Parameters
 ) -> tuple[Array, Array]:
-    """Each piece's axes (segments, 4) in those of the first, and the ways (n, 3) m of all steps with jumps rebuilt.
+    """Each segment's axes (segments, 4) in those of the first, and all displacements (n, 3) m with jumps rebuilt.
 
-    A step that jumped is as the two beside it are on average. Jumps that follow one another at once are one event, of
-    which the whole alone says how SLAM's axes turned: not at all where the velocity says so; about the vertical, unless
-    the vertical itself changed beyond noise.
+    A jump is replaced by the mean of the steps beside it. Consecutive jumps are one event; only its total turn counts.
+    SLAM's axes did not turn where velocities show so; else they turned about the vertical, unless the tilt itself
+    changed beyond noise.
     """
     at = _rows(jumped)
     moved = _predict(steps, ~jumped, 1, parameters).twist[at] * steps.dt[at, None]
@@ -216,10 +220,11 @@ def _continue(
 
 
 def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, parameters: Parameters) -> bool:
-    """Whether velocity goes on in SLAM's axes over a run of steps, not in the body's: the attitude alone went wrong.
+    """Whether the attitude alone went wrong in a run of steps: velocity continues in SLAM's axes, not in the body's.
 
-    Velocities are means over half a moment on either side. Where the device hardly moves they do not tell; then the
-    axes turned: SLAM's motion and attitude come from one estimate, and an attitude that goes wrong alone comes back.
+    Velocities are means over half of `glitch_duration` before and after. Where the device hardly moves they do not
+    decide, and the axes count as turned: SLAM's motion and attitude come from one estimate, and an attitude that goes
+    wrong alone returns.
     """
     before, after = run[0], run[-1]
     t, half = steps.begin, 0.5 * parameters.slam.glitch_duration
@@ -234,11 +239,11 @@ def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, parameters: Paramete
     return bool(body > parameters.slam.jump_speed and slam < 0.5 * body)
 
 
-def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> tuple[Array, Mask]:
-    """`repaired_from_slam` (segments, 4): axes that are level as a whole, with the heading of the first piece.
+def _level_segments(track: Track, segment: Indices, axes: Array, least_tilt: float) -> tuple[Array, Mask]:
+    """`repaired_from_slam` (segments, 4), level and with the yaw of the first segment; which segments were level.
 
-    Level is the vertical on which pieces of the longest time in all agree: SLAM that lost gravity finds it again. They
-    keep it as they have it; the others are turned as they are to them. And which (segments,) are the former.
+    The vertical is the one on which segments of the longest total duration agree, since SLAM that loses gravity finds
+    it again. These segments keep their vertical; the others are turned to it.
     """
     up = rotate_by_quaternions(axes, _UP)
     begin = np.searchsorted(segment, np.arange(len(axes)))
@@ -251,13 +256,13 @@ def _level(track: Track, segment: Indices, axes: Array, least_tilt: float) -> tu
     return np.where(kept[:, None], _yaw_quaternions(yaw_of_quaternions(levelled)), levelled), kept
 
 
-def _unrest(away: Array) -> float:
-    """What a track's own steps exceed in one of twenty; jumps are rarer, so they do not raise it."""
-    return float(np.quantile(away, 0.95)) if len(away) else 0.0
+def _noise_level(errors: Array) -> float:
+    """Noise level of prediction errors: their 95 % quantile. Jumps are rarer than one in twenty and do not raise it."""
+    return float(np.quantile(errors, 0.95)) if len(errors) else 0.0
 
 
 def _median(values: Array, valid: Mask) -> tuple[Array, Indices]:
-    """Medians (n, m) of those rows of (n, k, m) that are valid (n, k), 0 where none is, and how many are (n,)."""
+    """Medians (n, m) over the valid (n, k) rows of (n, k, m), 0 where none is valid; and the numbers (n,) of these."""
     count = valid.sum(axis=1)
     ordered = np.sort(np.where(valid[..., None], values, np.inf), axis=1)
     rows, middle = np.arange(len(count)), np.maximum(count - 1, 0)
@@ -265,7 +270,7 @@ def _median(values: Array, valid: Mask) -> tuple[Array, Indices]:
     return np.where(count[:, None], 0.5 * (low + high), 0.0), count
 
 
-def _off_the_line(points: Array, a: Array, b: Array) -> Array:
+def _distance_to_segment(points: Array, a: Array, b: Array) -> Array:
     """Distances (n,) of points (n, 3) from the segments between a and b (n, 3)."""
     along = b - a
     length = np.sum(along**2, axis=1)
@@ -291,35 +296,35 @@ def _products(q: Array) -> Array:
 
 
 def _rotation_vector(q: Array) -> Array:
-    """Quaternions (n, 4) -> the shorter rotation vectors (n, 3), rad."""
+    """The shorter rotation vectors (n, 3) rad of quaternions (n, 4)."""
     q = np.where(q[:, 3:] < 0.0, -q, q)
     half_sine = np.linalg.norm(q[:, :3], axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(half_sine, q[:, 3:])
-    stretch = np.divide(angle, half_sine, out=np.full_like(angle, 2.0), where=half_sine > 0.0)
-    return np.asarray(stretch * q[:, :3])
+    factor = np.divide(angle, half_sine, out=np.full_like(angle, 2.0), where=half_sine > 0.0)
+    return np.asarray(factor * q[:, :3])
 
 
 def _quaternion(rotation_vector: Array) -> Array:
-    """Rotation vectors (n, 3) rad -> quaternions (n, 4)."""
+    """Quaternions (n, 4) of rotation vectors (n, 3) rad."""
     angle = np.linalg.norm(rotation_vector, axis=1, keepdims=True)
     return np.concatenate([0.5 * np.sinc(0.5 * angle / np.pi) * rotation_vector, np.cos(0.5 * angle)], axis=1)
 
 
 def _angle(q: Array) -> Array:
-    """rad, 0 to pi: by how much quaternions (..., 4) turn."""
+    """rad, 0 to pi: rotation angle of quaternions (..., 4)."""
     return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., :3], axis=-1), np.abs(q[..., 3])))
 
 
 def _angle_between(q: Array, others: Array) -> Array:
-    """rad: from an attitude (4,) to others (n, 4)."""
+    """(n,) rad: angle from an attitude (4,) to others (n, 4)."""
     return _angle(multiply_quaternions(_inverse(q), others))
 
 
 def _tilt(q: Array) -> Array:
-    """rad, 0 to pi: by how much quaternions (..., 4) turn the vertical."""
+    """rad, 0 to pi: angle by which quaternions (..., 4) tilt the vertical."""
     return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., :2], axis=-1), np.linalg.norm(q[..., 2:], axis=-1)))
 
 
 def _yaw_quaternions(yaw: Array) -> Array:
-    """Yaws (n,) rad -> quaternions (n, 4)."""
+    """Quaternions (n, 4) of yaws (n,) rad."""
     return np.array([yaw_quaternion(each) for each in yaw.tolist()])
