@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from synchronizar.reporting.evaluate import Evaluation
 
 PROGRAM = "synchronizar"
+_WIDEST = 80  # columns of what is drawn on a terminal
 UNUSABLE = 2
 INTERRUPTED = 130
 READER_GONE = 141
@@ -52,6 +53,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+_REFERENCE = "whose frame the common one is [the first by name that is not static and moves more than 0.5 m]"
+
+
+def _example(arguments: str) -> str:
+    return f"example: {PROGRAM} {arguments}"
+
+
+class _Version(argparse.Action):
+    """Looks the version up when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="print the version and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import version
+
+        _print(f"{PROGRAM} {version(PROGRAM)}")
+        parser.exit()
+
+
 class _Parser(argparse.ArgumentParser):
     """Tells a bad option like any other bad input."""
 
@@ -64,14 +85,21 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog=PROGRAM, description="Puts devices that each run their own SLAM into one frame.")
+    parser = _Parser(
+        prog=PROGRAM,
+        description="Puts devices that each run their own SLAM into one frame, from the distances between them.",
+        epilog=f"`{PROGRAM} COMMAND --help` tells more. Lengths are in m, angles in degrees (rad in JSON), times in s.",
+    )
+    parser.add_argument("--version", action=_Version)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
-    register = commands.add_parser("register", help="find everybody's frame from a recording")
+    register = commands.add_parser(
+        "register", help="find everybody's frame from a recording", epilog=_example("register walk/ --out answer/")
+    )
     register.add_argument("recording", metavar="RECORDING", type=Path)
     register.add_argument("--out", metavar="DIR", type=Path, help="write tracks, registration.json and ranges.csv here")
     register.add_argument("--json", action="store_true", help="print registration.json instead of a table")
-    register.add_argument("--reference", metavar="USER", help="whose frame the common one is")
+    register.add_argument("--reference", metavar="USER", help=_REFERENCE)
     register.add_argument(
         "--model", choices=["full", "rigid"], help="what may be wrong with SLAM and radios [full; pairwise: rigid]"
     )
@@ -84,30 +112,39 @@ def _parser() -> argparse.ArgumentParser:
     register.set_defaults(command=_register)
 
     replay = commands.add_parser(
-        "replay", help="solve a recording in the order of time, nothing seen ahead of its time"
+        "replay",
+        help="solve a recording in the order of time, nothing seen ahead of its time",
+        epilog=_example("replay walk/ --out live/"),
     )
     replay.add_argument("recording", metavar="RECORDING", type=Path)
     replay.add_argument(
         "--out", metavar="DIR", type=Path, help="write causal tracks, registration.json and updates.jsonl here"
     )
     replay.add_argument("--json", action="store_true", help="print registration.json instead of a table")
-    replay.add_argument("--reference", metavar="USER", help="whose frame the common one is")
+    replay.add_argument("--reference", metavar="USER", help=_REFERENCE)
     replay.set_defaults(command=_replay)
 
-    evaluate = commands.add_parser("evaluate", help="compare what register wrote with the truth")
+    evaluate = commands.add_parser(
+        "evaluate", help="compare what register wrote with the truth", epilog=_example("evaluate walk/ answer/")
+    )
     evaluate.add_argument("recording", metavar="RECORDING", type=Path)
     evaluate.add_argument("out", metavar="DIR", type=Path)
     evaluate.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
     evaluate.set_defaults(command=_evaluate)
 
-    simulate = commands.add_parser("simulate", help="make a recording, with its truth")
+    simulate = commands.add_parser(
+        "simulate",
+        help="make a recording, with its truth",
+        epilog=_example("simulate walk/ --users 4 --late-share 0.3 --seed 7"),
+    )
     simulate.add_argument("recording", metavar="RECORDING", type=Path)
+    simulate.add_argument("--force", action="store_true", help="remove what is left there of another walk")
     simulate.add_argument("--modules", action="store_true", help="let the modules' firmware range, in a simulated air")
     simulate.add_argument("--scheme", choices=SCHEMES, help=f"who of the modules sends when [{SCHEMES[0]}]")
     _add_scene_options(simulate)
     simulate.set_defaults(command=_simulate)
 
-    plot = commands.add_parser("plot", help="draw what register wrote")
+    plot = commands.add_parser("plot", help="draw what register wrote", epilog=_example("plot walk/ answer/"))
     plot.add_argument("recording", metavar="RECORDING", type=Path)
     plot.add_argument("out", metavar="DIR", type=Path)
     plot.set_defaults(command=_plot)
@@ -171,6 +208,25 @@ def _solvable(recording: Path) -> Iterator[None]:
         raise InputError(recording, f"cannot be solved: {error}") from error
 
 
+@contextmanager
+def _bar_of(users: int, ranges: int) -> Iterator[Callable[[float], None] | None]:
+    """A bar for work that takes longer than a second; none but on a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    columns = min(_terminal_width(), _WIDEST)
+    told = f"registering {users} users, {ranges} ranges"
+    form = "{desc}: {percentage:3.0f} % |{bar}| {elapsed}"
+    with tqdm(total=1.0, desc=told, delay=1.0, leave=False, ncols=columns, bar_format=form, file=sys.stderr) as bar:
+
+        def progress(share: float) -> None:
+            bar.update(max(share - bar.n, 0.0))
+
+        yield progress
+
+
 def _live_view() -> Callable[[Update], None]:
     """Events as they come, and below them a line of where everybody stands."""
     began: list[float] = []
@@ -179,10 +235,26 @@ def _live_view() -> Callable[[Update], None]:
         began.append(update.t) if not began else None
         for event in update.events:
             print(f"\r\033[K{update.t - began[0]:8.1f} s  {event}", file=sys.stderr)
-        bars = "  ".join(f"{name} {_bar(user.progress)}" for name, user in update.users.items())
-        print(f"\r\033[K{update.t - began[0]:8.1f} s  {bars}"[: _terminal_width()], end="", file=sys.stderr, flush=True)
+        line = live_line(update, update.t - began[0], min(_terminal_width(), _WIDEST) - 1)
+        print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
 
     return tell
+
+
+def live_line(update: Update, elapsed: float, columns: int) -> str:
+    """How near everybody is to being registered, in so many columns: a bar each, or who is not yet."""
+    bars = "  ".join(f"{name} {_bar(user.progress)}" for name, user in update.users.items())
+    line = f"{elapsed:8.1f} s  {bars}"
+    if len(line) <= columns:
+        return line
+    coming = {name: user.progress for name, user in update.users.items() if user.progress < 1.0}
+    line = f"{elapsed:8.1f} s  {len(update.users) - len(coming)} of {len(update.users)} registered"
+    for name, progress in sorted(coming.items(), key=lambda user: -user[1]):
+        more = f"  {name} {progress:.0%}"
+        if len(line) + len(more) > columns:
+            break
+        line += more
+    return line[:columns]
 
 
 def _bar(progress: float) -> str:
@@ -212,8 +284,7 @@ def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
     if options.method == "pairwise" and options.model == "full":
         raise InputError("--model", "the pairwise method trusts SLAM: it has no full model")
     recording, loaded = _loaded(options.recording)
-    _progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
-    with _solvable(options.recording):
+    with _solvable(options.recording), _bar_of(len(recording.users), len(recording.ranges)) as progress:
         if options.method == "pairwise":
             from synchronizar.estimation.pairwise.register import register_pairwise
 
@@ -221,7 +292,7 @@ def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
         else:
             from synchronizar.estimation.register import register
 
-            registration = register(recording, options.reference, model=options.model or "full")
+            registration = register(recording, options.reference, model=options.model or "full", progress=progress)
     return recording, replace(registration, seconds={**registration.seconds, "load": loaded})
 
 
@@ -236,7 +307,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 
 def _evaluation_table(e: Evaluation) -> str:
-    """Errors in cm and degrees, a row for each alignment to the truth."""
+    """Errors in m and degrees, a row for each alignment to the truth."""
     rows = [
         ("all together", e.joint_ate, e.joint_ate_xy, None),
         (f"{e.reference} alone", e.reference_ate, e.reference_ate_xy, None),
@@ -270,7 +341,7 @@ def _simulate(options: argparse.Namespace) -> None:
         _progress(f"ranging for {scene.seconds:g} s in the simulated air ...")
         told = simulate_modules(scene, options.scheme or SCHEMES[0])
         simulation, heard = told.simulation, f"; {told.datagrams} datagrams, {told.dropped} ranges dropped"
-    simulation.save(options.recording)
+    simulation.save(options.recording, force=options.force)
     users, ranges = simulation.recording.users, simulation.recording.ranges
     _print(f"{options.recording}: {len(users)} users, {len(ranges)} ranges, {simulation.late.sum()} late{heard}")
 

@@ -17,7 +17,10 @@ import pytest
 from support.broken import BROKEN, Broken, write_good
 from support.paths import REPOSITORY
 
-from synchronizar.cli import main
+import synchronizar as sz
+from synchronizar.cli import live_line, main
+from synchronizar.data.registration import State
+from synchronizar.data.updates import Update, UserUpdate
 from synchronizar.estimation import register as pipeline
 from synchronizar.simulation.scene import Scene
 
@@ -112,6 +115,37 @@ def test_help_comes_at_once() -> None:
     assert min(seconds) < 0.5
     assert told.returncode == 0
     assert all(command in told.stdout for command in ("register", "evaluate", "simulate", "plot"))
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    told = run("--version")
+    assert (told.returncode, told.stdout) == (0, f"synchronizar {sz.__version__}\n")
+
+
+@pytest.mark.parametrize("command", ["register", "replay", "evaluate", "simulate", "plot"])
+def test_the_help_of_a_command_has_an_example(command: str) -> None:
+    told = run(command, "--help").stdout
+    assert f"example: synchronizar {command} walk/" in told
+    if command in ("register", "replay"):
+        assert "the first by name that is not static and moves" in told
+
+
+def test_a_walk_of_others_is_replaced_by_force_alone(tmp_path: Path) -> None:
+    assert run("simulate", tmp_path, "--users", "3", "--seconds", "2").returncode == 0
+    refused = run("simulate", tmp_path, "--seconds", "2")
+    assert refused.returncode == 2
+    assert "phone2 is not in the scene to be saved (--force removes it)" in refused.stderr
+    assert run("simulate", tmp_path, "--seconds", "2", "--force").returncode == 0
+    assert sorted(file.name for file in tmp_path.rglob("*.tum")) == ["phone0.tum"] * 2 + ["phone1.tum"] * 2
+
+
+@pytest.mark.parametrize("users", [2, 5, 30])
+def test_the_live_line_fits_its_columns(users: int) -> None:
+    nobody = {f"phone{u:02d}": UserUpdate(State.DISCONNECTED, None, None, u / users, False, None) for u in range(users)}
+    line = live_line(Update(3.0, 0.0, nobody, []), 3.0, 79)
+    assert len(line) <= 79
+    assert ("█" in line) == (users == 2)
+    assert f"phone{users - 1:02d}" in line
 
 
 # What register writes

@@ -110,7 +110,7 @@ def _state(
     if not static and in_heading > wrong_share:
         direction = covariance[3] / np.linalg.norm(covariance[3])
         heading = np.sqrt(covariance[3, 3])
-        return State.UNOBSERVABLE, f"its heading is known to {heading:.2f} rad only (1 sigma)", direction
+        return State.UNOBSERVABLE, f"its heading is known to {np.degrees(heading):.0f} deg only (1 sigma)", direction
     if in_plane > wrong_share:
         where = np.degrees(np.arctan2(level_error[1], level_error[0])) % 180.0
         reason = f"its place along {where:.0f} deg is known to {level:.2f} m only (1 sigma)"

@@ -45,20 +45,19 @@ def write_registration(registration: Registration, recording: Recording, out_dir
     """Write registration.json, ranges.csv, and <user>.tum for every user that has a placement.
 
     ranges.csv has a line for each range of the recording, in its order: residual in m (blank where there is none),
-    weight in 1/m^2, and whether it was used, rejected or unusable. An earlier answer is replaced. Raises InputError
-    where something cannot be written.
+    weight in 1/m^2, and whether it was used, rejected or unusable. An earlier answer is replaced; tracks of users who
+    are not in this one are removed. Raises InputError where something cannot be written.
     """
     folder = Path(out_dir)
     with os_faults(folder):
         folder.mkdir(parents=True, exist_ok=True)
     tracks = registration.tracks(recording)
-    for name in registration.users:
-        file = folder / f"{name}.tum"
-        if name in tracks:
-            write_tum(file, tracks[name])
-        else:
-            with os_faults(file):
-                file.unlink(missing_ok=True)
+    earlier = {file.stem for file in folder.glob("[!.]*.tum")} if (folder / "registration.json").exists() else set()
+    for name in sorted((earlier | registration.users.keys()) - tracks.keys()):
+        with os_faults(folder / f"{name}.tum"):
+            (folder / f"{name}.tum").unlink(missing_ok=True)
+    for name, track in tracks.items():
+        write_tum(folder / f"{name}.tum", track)
     with os_faults(folder / "updates.jsonl"):
         (folder / "updates.jsonl").unlink(missing_ok=True)
     _write_ranges(folder / "ranges.csv", registration.ranges, recording)

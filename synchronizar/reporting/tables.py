@@ -8,10 +8,12 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.io.registration_folder import range_counts
 
+_REFERENCE = "the reference: its own frame at its last pose, in that at its first"
+
 
 def registration_table(registration: Registration) -> str:
     """A row for each user: where it is (m, degrees), how sure that is (1 sigma), and why its state is what it is."""
-    head = ("user", "state", "x", "y", "z", "yaw", "± xy", "± z", "± yaw", "")
+    head = ("user", "state", "x (m)", "y (m)", "z (m)", "yaw (°)", "± xy (m)", "± z (m)", "± yaw (°)", "")
     rows = [head, *(_table_row(registration, user) for user in registration.users.values())]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     lines = ["  ".join([*_aligned(row[:-1], widths), row[-1]]).rstrip() for row in rows]
@@ -33,7 +35,7 @@ def _table_row(registration: Registration, user: UserRegistration) -> tuple[str,
         _cell(sigma_xy, ".2f"),
         _cell(sigma_z, ".2f"),
         _cell(np.degrees(sigma_yaw), ".1f"),
-        "the reference" if user.name == registration.reference else user.reason,
+        _REFERENCE if user.name == registration.reference else user.reason,
     )
 
 

@@ -61,15 +61,20 @@ class Simulation:
         true, _ = true_distances(devices, r.t, (r.a, r.antenna_a), (r.b, r.antenna_b))
         return r.distance - true
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path, force: bool = False) -> None:
         """Write the recording as a folder, with truth/<user>.tum and truth/ranges.csv.
 
-        Raises InputError where it cannot be written or holds the track or truth of somebody else.
+        Raises InputError where it cannot be written or holds a track or truth of somebody else; `force` removes these.
         """
         truth = path / "truth"
-        for file in truth.glob("*.tum"):
-            if file.stem not in self.truth:
-                raise InputError(file, f"stands in the way: {file.stem} is not in the scene to be saved")
+        for file in [*(path / "tracks").glob("*.tum"), *truth.glob("*.tum")]:
+            if file.stem not in self.truth or (file.parent != truth and file.stem not in self.recording.tracks):
+                if not force:
+                    raise InputError(
+                        file, f"stands in the way: {file.stem} is not in the scene to be saved (--force removes it)"
+                    )
+                with os_faults(file):
+                    file.unlink()
         self.recording.save(path)
         with os_faults(truth):
             truth.mkdir(exist_ok=True)

@@ -230,6 +230,25 @@ def test_what_cannot_be_written_is_told(
         write_registration(registration, recording, tmp_path)
 
 
+def test_tracks_of_an_earlier_answer_are_removed(
+    registration: Registration, recording: Recording, tmp_path: Path
+) -> None:
+    write_registration(registration, recording, tmp_path)
+    (tmp_path / "zoe.tum").write_text("0 0 0 0 0 0 0 1\n")
+    (tmp_path / "notes.txt").write_text("mine")
+    write_registration(registration, recording, tmp_path)
+    assert not (tmp_path / "zoe.tum").exists()
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_tracks_in_a_folder_that_is_no_answer_are_left_alone(
+    registration: Registration, recording: Recording, tmp_path: Path
+) -> None:
+    (tmp_path / "zoe.tum").write_text("0 0 0 0 0 0 0 1\n")
+    write_registration(registration, recording, tmp_path)
+    assert (tmp_path / "zoe.tum").exists()
+
+
 def test_a_folder_that_cannot_be_made_is_told(registration: Registration, recording: Recording, tmp_path: Path) -> None:
     (tmp_path / "out").write_text("")
     with pytest.raises(InputError, match=r"out: File exists$"):
@@ -238,9 +257,10 @@ def test_a_folder_that_cannot_be_made_is_told(registration: Registration, record
 
 def test_the_table_has_a_row_a_user_and_the_counts_below(registration: Registration) -> None:
     head, alice, beacon, bob, carol, dave, counts = registration_table(registration).splitlines()
-    assert head.split() == ["user", "state", "x", "y", "z", "yaw", "±", "xy", "±", "z", "±", "yaw"]
+    units = ["x (m)", "y (m)", "z (m)", "yaw (°)", "± xy (m)", "± z (m)", "± yaw (°)"]
+    assert head.split() == " ".join(["user", "state", *units]).split()
     assert alice.split()[:2] == ["alice", "registered"]
-    assert alice.endswith("the reference")
+    assert alice.endswith("the reference: its own frame at its last pose, in that at its first")
     assert beacon.split(maxsplit=9)[2:] == [
         "+1.00",
         "+2.00",
