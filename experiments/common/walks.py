@@ -7,18 +7,17 @@ from dataclasses import replace
 from multiprocessing import Pool
 from typing import NamedTuple, TypeVar
 
-import gtsam
 import numpy as np
 
-from synchronizar._core import Squared
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.register import register
 from synchronizar.geometry import difference
-from synchronizar.graph.range_factors import RangeBlockFactor
-from synchronizar.graph.rigid_graph import RigidGraph, blocks_of
+from synchronizar.graph.marginals import marginals
+from synchronizar.graph.optimization import optimize
+from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import range_measurements
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, range_measurements
 from synchronizar.simulation.simulate import Simulation
 
 Task = TypeVar("Task")
@@ -43,24 +42,25 @@ class Oracle(NamedTuple):
 
 def oracle(simulation: Simulation, reference: str, model: Parameters) -> Oracle:
     """Gaussian maximum likelihood from the truth's start on the ranges that are not late."""
-    users = simulation.recording.users
-    samples = range_measurements(simulation.recording, model)
+    recording, k = simulation.recording, len(simulation.recording.users)
+    samples = range_measurements(recording, model)
     samples = samples[np.flatnonzero(~simulation.late[samples.row]).astype(np.int32)]
+    samples = replace(samples, nlos_odds=np.zeros(len(samples)))
+    squared = model.changed(ranges={"nlos_share": 0.0, "short_share": 0.0})
     truth = true_frames(simulation, reference)
-    ref = simulation.recording.index(reference)
-    rigid = RigidGraph(blocks_of(samples), users, list(range(len(users))), ref, model)
-    graph = _gaussian(rigid.about(truth))
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(200)
-    parameters.setAbsoluteErrorTol(1e-9)
-    parameters.setRelativeErrorTol(1e-9)
-    start = rigid.values(truth)
-    found = gtsam.LevenbergMarquardtOptimizer(graph, start, parameters).optimize()
+
+    def graph_of(measured: RangeMeasurements) -> RigidGraph:
+        everybody, origins = list(range(k)), np.zeros((k, 3))
+        return RigidGraph(recording, measured, origins, everybody, recording.index(reference), squared)
+
+    rigid = graph_of(samples)
+    start, weights = rigid.initial_states(truth), rigid.initial_em_weights()
+    factors = rigid.factors(truth, weights)
+    found = optimize(factors, rigid.values(start), rigid.ordering(), iterations=200, gain=1e-9)
     # The information that the ranges have by themselves: that of ranges without noise, at the truth.
-    noise_free = replace(samples, distance=samples.distance - rigid.residuals(start))
-    ideal = RigidGraph(blocks_of(noise_free), users, list(range(len(users))), ref, model).about(truth)
-    variances = np.diagonal(ideal.covariances(start, _gaussian(ideal)), axis1=1, axis2=2)
-    return Oracle(difference(rigid.frames(found), truth), np.sqrt(variances))
+    ideal = graph_of(replace(samples, distance=samples.distance + rigid.residuals(start)))
+    variances = np.diagonal(marginals(ideal, start, weights).relative, axis1=1, axis2=2)
+    return Oracle(difference(rigid.states(found, start).anchor_poses, truth), np.sqrt(variances))
 
 
 class Beside(NamedTuple):
@@ -86,14 +86,6 @@ def beside_oracle(simulation: Simulation) -> Beside:
     ours = np.array([[f.x, f.y, f.z, f.yaw] if f is not None else [np.nan] * 4 for f in placed])
     registered = [u.state is State.REGISTERED for u in others]
     return Beside(difference(ours, truth[which]), best.error[which], best.bound[which], registered)
-
-
-def _gaussian(rigid: RigidGraph) -> gtsam.NonlinearFactorGraph:
-    """The graph with squared losses."""
-    graph = rigid.priors()
-    for b in rigid.blocks:
-        graph.add(RangeBlockFactor(rigid.place(b.pair.i), rigid.place(b.pair.j), b.block, Squared()))
-    return graph
 
 
 def on_all_cores(work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:

@@ -19,14 +19,15 @@ import gtsam
 import numpy as np
 
 from experiments.common.results import write_table
-from synchronizar._core import Squared
+from synchronizar._core import RangeBlock, Squared, UserPose
 from synchronizar.arrays import Array
 from synchronizar.estimation.initialisation import joint_placements
 from synchronizar.estimation.register import register
+from synchronizar.graph import keys
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
-from synchronizar.graph.rigid_graph import RigidGraph, blocks_of
+from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, range_measurements
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs, range_measurements
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
 
@@ -40,19 +41,24 @@ def row_of(users: int, ranges: int) -> dict[str, Any]:
     model = Parameters()
     samples = range_measurements(recording, model)
     everybody = list(range(users))
-    rigid = RigidGraph(blocks_of(samples), recording.users, everybody, 0, model)
+    lonely = RigidGraph(recording, samples[:0], np.zeros((users, 3)), everybody, 0, model)
 
     def search() -> Array:
         return joint_placements(samples, recording.users, everybody, 0, model)[0].frames
 
     start = search()
-    priors = rigid.about(start).priors()
-    values = rigid.values(start)
+    priors = lonely.factors(start, lonely.initial_em_weights())
+    values = lonely.values(lonely.initial_states(start))
+    ends: list[UserKeys | FixedUser] = [
+        FixedUser(UserPose()),
+        *(UserKeys(keys.frame(u), keys.height(u)) for u in everybody[1:]),
+    ]
     ours, numpys = gtsam.NonlinearFactorGraph(priors), gtsam.NonlinearFactorGraph(priors)
-    for b in rigid.blocks:
-        i, j = rigid.place(b.pair.i), rigid.place(b.pair.j)
-        ours.add(RangeBlockFactor(i, j, b.block, Squared()))
-        numpys.add(numpy_factor(i, j, samples[b.pair.measurements]))
+    for pair in pairs(samples):
+        s = samples[pair.measurements]
+        block = RangeBlock(s.p_i, s.p_j, s.distance, s.sigma, s.nlos_odds)
+        ours.add(RangeBlockFactor(ends[pair.i], ends[pair.j], block, Squared()))
+        numpys.add(numpy_factor(ends[pair.i], ends[pair.j], s))
     row: dict[str, Any] = {"users": users, "ranges": len(samples)}
     row["initialise"] = _ms(search)
     row["solve"] = _ms(lambda: _solve(ours, values))

@@ -7,6 +7,7 @@ ranges to others exclude it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from synchronizar._core import search_placements
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, relative_to
-from synchronizar.graph.rigid_graph import height_sigma_of, nlos_mixture
+from synchronizar.graph.priors import height_sigma_of, nlos_mixture
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 
@@ -63,6 +64,31 @@ def joint_placements(
     for user in order[1:]:
         alive = extend(measurements, alive, users, user, parameters)
     return [Candidate(relative_to(h.frames, reference), h.cost) for h in alive]
+
+
+def placements_in_parts(
+    measurements: RangeMeasurements,
+    users: tuple[User, ...],
+    active_users: list[int],
+    reference: int,
+    parameters: Parameters,
+) -> Iterator[Candidate]:
+    """Joint placements found in random parts of the walk (the same ones each time) that tie all of `active_users`.
+
+    A part may be free of the burst of NLOS ranges that misleads the whole.
+    """
+    search = parameters.search
+    random = np.random.default_rng(0)
+    begin, end = measurements.t.min(), measurements.t.max()
+    along = (measurements.t - begin) / max(end - begin, 1e-9)
+    piece = np.minimum(along * search.part_pieces, search.part_pieces - 1).astype(int)
+    for _ in range(search.parts):
+        share = random.permutation(search.part_pieces) / search.part_pieces
+        taken = share < random.uniform(search.least_part, search.largest_part)
+        part = measurements[taken[piece]]
+        if connected(part, len(users), reference) == active_users:
+            found = joint_placements(part, users, active_users, reference, parameters)
+            yield from found[: search.most_followed]
 
 
 def _observability(measurements: RangeMeasurements, users: int) -> tuple[Array, Array]:

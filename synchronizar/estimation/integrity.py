@@ -22,7 +22,7 @@ _DIRECTIONS = 32  # in a quarter turn
 
 
 class GraphUsers(Protocol):
-    """The users of a graph and their priors; RigidGraph and PoseGraph have them."""
+    """The users of a graph and their priors."""
 
     users: tuple[User, ...]
     reference: int

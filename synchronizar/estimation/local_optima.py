@@ -11,11 +11,13 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.estimation.hypotheses import SAME
+from synchronizar.estimation.initialisation import placements_in_parts
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
 from synchronizar.geometry import difference
+from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
-from synchronizar.graph.rigid_graph import RigidGraph, blocks_of
+from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States, interpolated
 from synchronizar.parameters import Parameters
 
@@ -50,10 +52,20 @@ def by_cost(optimum: LocalOptimum) -> float:
 
 
 def find_optima(graph: PoseGraph, starts: list[States], parameters: Parameters) -> list[LocalOptimum]:
-    """The local optima reached from `starts`, and from slips and mirror images of the best one, best first."""
+    """The local optima reached from `starts`, and from slips and mirror images of the best one, best first.
+
+    A rigid graph is not annealed unless ranges are NLOS, and is then started from parts of the walk as well.
+    """
     found: list[LocalOptimum] = []
+    rigid = isinstance(graph, RigidGraph)
     for states in starts:
-        _add_optimum(graph, states, found, _ANNEALING)
+        _add_optimum(graph, states, found, () if rigid else _ANNEALING)
+    if rigid and graph.free and _nlos_share(min(found, key=by_cost)) > parameters.search.doubtful_share:
+        for states in starts:
+            _add_optimum(graph, states, found, (parameters.search.annealing,))
+        own = graph.to_rigid_ranges(starts[0])
+        for start in placements_in_parts(own, graph.users, graph.active_users, graph.reference, parameters):
+            _add_optimum(graph, graph.initial_states(start.frames), found, ())
     best = min(found, key=by_cost)
     while graph.free:
         for states in chain(relaid(graph, best.states, parameters), _mirror_images(best, parameters)):
@@ -75,16 +87,32 @@ def approach(graph: PoseGraph, states: States, annealing: float) -> LocalOptimum
 
 def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], annealing: tuple[float, ...]) -> None:
     """Optimise from `states` and add the optimum to `found`, unless it is hopeless or within `SAME` of a known one."""
+    poses = [optimum.frames for optimum in found]
+    hopeless = min(found, key=by_cost).cost + graph.parameters.search.hopeless_cost if found else np.inf
+
+    def known(states: States) -> bool:
+        here = graph.last_poses(states)
+        return any(np.nanmax(np.abs(difference(here, there))) < SAME for there in poses)
+
     em_weights = _with_search_weights(graph.initial_em_weights())
     for factor in annealing:
         states, em_weights, _ = graph.run_em(states, em_weights, 3, factor)
-    optimum = LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
-    if found and optimum.cost > min(found, key=by_cost).cost + graph.parameters.search.hopeless_cost:
-        return
-    optimum = LocalOptimum(graph, *graph.run_em(optimum.states, optimum.em_weights, _ROUNDS))
-    frames = optimum.frames
-    if not any(np.nanmax(np.abs(difference(frames, known.frames))) < SAME for known in found):
+    if isinstance(graph, RigidGraph):  # many parts of a walk lead to few optima
+        rounds = graph.parameters.search.most_rounds
+        optimum = LocalOptimum(graph, *graph.run_em(states, em_weights, rounds, known=known, hopeless=hopeless))
+    else:
+        optimum = LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
+        if optimum.cost > hopeless:
+            return
+        optimum = LocalOptimum(graph, *graph.run_em(optimum.states, optimum.em_weights, _ROUNDS))
+    if not known(optimum.states):
         found.append(optimum)
+
+
+def _nlos_share(optimum: LocalOptimum) -> float:
+    """The share of ranges that are more likely NLOS, or outliers, than inliers."""
+    _, inlier_probability = optimum.graph.inlier_probability(optimum.states, optimum.em_weights)
+    return float((inlier_probability < 0.5).mean()) if len(inlier_probability) else 0.0
 
 
 def _with_search_weights(em_weights: EmWeights) -> EmWeights:
@@ -101,17 +129,15 @@ def _mirror_images(optimum: LocalOptimum, parameters: Parameters) -> Iterator[St
 
     Users on one level leave the signs of heights open, users on a line the side of it.
     """
-    graph, states = optimum.graph, optimum.states
+    graph, states, rigid = optimum.graph, optimum.states, _rigid(optimum)
     flat = graph.to_rigid_ranges(states)
-    rigid = RigidGraph(blocks_of(flat), graph.users, graph.active_users, graph.reference, parameters).about(
-        states.anchor_poses
-    )
     range_weight = float(optimum.em_weights.range_weight.mean())
-    values = rigid.values(states.anchor_poses)
-    sigma = np.sqrt(rigid.covariances(values)[:, 2, 2] / range_weight)
+    here = rigid.cost(states.anchor_poses)
+    sure = marginals(rigid, rigid.initial_states(states.anchor_poses), rigid.initial_em_weights())
+    sigma = np.sqrt(sure.relative[:, 2, 2] / range_weight)
 
     def above(frames: Array) -> float:
-        return range_weight * (rigid.cost(rigid.values(frames)) - rigid.cost(values))
+        return range_weight * (rigid.cost(frames) - here)
 
     heights = rigid.other_heights(states.anchor_poses, parameters.integrity.cost_excluded_nlos / range_weight)
     heights += height_mirrors(flat, states.anchor_poses, graph.reference)
@@ -127,8 +153,26 @@ def _mirror_images(optimum: LocalOptimum, parameters: Parameters) -> Iterator[St
         for frames in reflections(flat, states.anchor_poses, graph.reference)
         if (cost := above(frames)) < most
     ]
-    for _, frames in sorted(images, key=lambda image: image[0])[:_MOST_IMAGES]:
-        yield states._replace(anchor_poses=frames)
+    likely = [frames for _, frames in sorted(images, key=lambda image: image[0])[:_MOST_IMAGES]]
+    for n, frames in enumerate(likely):
+        if not any(np.array_equal(frames, before, equal_nan=True) for before in likely[:n]):
+            yield states._replace(anchor_poses=frames)
+
+
+def _rigid(optimum: LocalOptimum) -> RigidGraph:
+    """The graph in which the frames alone are free at these walks."""
+    graph = optimum.graph
+    if isinstance(graph, RigidGraph):
+        return graph.with_nlos_odds(optimum.em_weights.nlos_odds)
+    about = np.zeros((len(graph.users), 3))
+    return RigidGraph(
+        graph.recording,
+        graph.to_rigid_ranges(optimum.states),
+        about,
+        graph.active_users,
+        graph.reference,
+        graph.parameters,
+    )
 
 
 def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
@@ -161,14 +205,20 @@ def compare(found: list[LocalOptimum], best: LocalOptimum, parameters: Parameter
     for s in likely:
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
         compared.append(LocalOptimum(s.graph, *s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS)))
-    _, inlier_probability = best.graph.inlier_probability(best.states, best.em_weights)
-    nlos = len(inlier_probability) > 0 and float((inlier_probability < 0.5).mean()) > parameters.search.doubtful_share
+    first, *others = compared
+    others = [s for s in others if s.cost <= first.cost + excluded_above(best, parameters)]
+    return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]
+
+
+def excluded_above(best: LocalOptimum, parameters: Parameters) -> float:
+    """How far (negative log likelihood) above the best one's an optimum's cost excludes it."""
     # Drift bends a straight track, which favours it or its mirror image by chance. That cost is a sum with one random
     # term for each device whose SLAM may drift, so it grows with the root of their number.
     drifting = max(sum(len(k.step_sigma) > 0 for k in best.graph.keyframes), 1)
-    excluded = max(
-        parameters.integrity.cost_excluded_nlos if nlos else 0.0, parameters.integrity.cost_excluded * np.sqrt(drifting)
+    nlos = _nlos_share(best) > parameters.search.doubtful_share
+    return float(
+        max(
+            parameters.integrity.cost_excluded_nlos if nlos else 0.0,
+            parameters.integrity.cost_excluded * np.sqrt(drifting),
+        )
     )
-    first, *others = compared
-    others = [s for s in others if s.cost <= first.cost + excluded]
-    return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]

@@ -55,7 +55,7 @@ def search_and_grow(
         ]
         graph = PoseGraph(recording, part, keyframes, linked, reference, parameters)
         if not found:
-            found = find_optima(graph, _search(part, graph, parameters), parameters)
+            found = find_optima(graph, starts_of(graph, parameters, parameters.search.sigma), parameters)
             excluded = found[0].cost + parameters.integrity.cost_excluded_nlos
             others = [s.states.anchor_poses for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
@@ -92,10 +92,11 @@ def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
     return np.asarray((measurements.t >= begin) & (measurements.t <= end))
 
 
-def _search(measurements: RangeMeasurements, graph: PoseGraph, parameters: Parameters) -> list[States]:
-    """Starts from the global search with rigid SLAM; range sigmas include `search.sigma` for what is not rigid."""
+def starts_of(graph: PoseGraph, parameters: Parameters, slam_sigma: float = 0.0) -> list[States]:
+    """Starts from the global search with rigid SLAM; ranges' sigmas include `slam_sigma` (m) for what is not rigid."""
+    measurements = graph.measurements
     middle = centroids(measurements, len(graph.users))
-    wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, parameters.search.sigma))
+    wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, slam_sigma))
     found = joint_placements(wide, graph.users, graph.active_users, graph.reference, parameters)
     anchors = np.array([k.anchor for k in graph.keyframes]) - middle
     about_anchors = [np.column_stack([apply_frames(h.frames, anchors), h.frames[:, 3]]) for h in found]

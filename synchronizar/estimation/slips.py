@@ -20,7 +20,7 @@ from synchronizar.data.track import Track
 from synchronizar.estimation.initialisation import Candidate, extend
 from synchronizar.geometry import apply_frames, relative_to, wrap_angle
 from synchronizar.graph.pose_graph import PoseGraph
-from synchronizar.graph.rigid_graph import nlos_mixture
+from synchronizar.graph.priors import nlos_mixture
 from synchronizar.graph.states import CLOCK, SCALE, States, steps
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
@@ -32,7 +32,7 @@ def relaid(graph: PoseGraph, states: States, parameters: Parameters) -> Iterator
     """The states with pieces of one user's track moved to where they fit much better, largest gain first."""
     flat = graph.to_rigid_ranges(states)
     wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
-    moving = [u for u in graph.active_users if not graph.users[u].static]
+    moving = [u for u in graph.active_users if len(graph.keyframes[u]) > 1]
     moved = [
         _move_pieces(graph, states, wide, user, pieces, parameters)
         for pieces in parameters.search.slip_pieces

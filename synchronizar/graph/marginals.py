@@ -28,7 +28,7 @@ class Marginals(NamedTuple):
     joint: Array
     """(k, 6, k, 6) joint covariance of all users: `poses` on its diagonal, cross-covariances off it."""
     calibrations: Array
-    """(k, 3) variances of log scale, bias (m^2) and clock (s^2)."""
+    """(k, 3) variances of log scale, bias (m^2) and clock (s^2); NaN where they are no variables."""
 
 
 class Errors(NamedTuple):
@@ -37,7 +37,7 @@ class Errors(NamedTuple):
     poses: dict[int, Array]
     """(5, d) on x, y, z (m), yaw (rad) of the last keyframe, and on log scale."""
     calibrations: dict[int, Array]
-    """(3, d) on log scale, bias (m) and clock offset (s)."""
+    """(3, d) on log scale, bias (m) and clock offset (s), where they are variables."""
 
 
 def marginals(graph: PoseGraph, states: States, em_weights: EmWeights) -> Marginals:
@@ -51,11 +51,12 @@ def marginals_of(graph: PoseGraph, states: States, sources: Errors) -> Marginals
     relative, calibrations = np.full((k, 4, 4), np.nan), np.full((k, 3), np.nan)
     errors, of_calibrations = sources
     now, reference = graph.last_poses(states), graph.reference
-    of_poses = np.full((k, 6, len(of_calibrations[reference][SCALE])), np.nan)
+    of_poses = np.full((k, 6, errors[reference].shape[1]), np.nan)
     for u in graph.active_users:
-        of_poses[u] = np.vstack([errors[u], of_calibrations[reference][SCALE]])
+        of_poses[u] = np.vstack([errors[u], errors[reference][4]])
         relative_error = _relative_errors(now[reference], errors[reference][:4], now[u], errors[u][:4])
         relative[u] = relative_error @ relative_error.T
+    for u in graph.calibrations:
         calibrations[u] = (of_calibrations[u] ** 2).sum(axis=1)
     joint = np.tensordot(of_poses, of_poses, axes=(2, 2))
     return Marginals(joint[np.arange(k), :, np.arange(k)], relative, joint, calibrations)
@@ -114,11 +115,12 @@ def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooper
         np.eye(len(root)) + heights.T @ _negative_curvature(graph, height_curvature) @ heights
     )
     root = root @ vectors / np.sqrt(np.maximum(eigenvalues, 0.1))
+    none = np.zeros((5, root.shape[1]))
     errors = {
-        u: sum(by @ root[rows_of[key]] for key, by in _last_pose_jacobians(graph, states, u).items())
+        u: sum((by @ root[rows_of[key]] for key, by in _last_pose_jacobians(graph, states, u).items()), none)
         for u in graph.active_users
     }
-    return Errors(errors, {u: root[rows_of[keys.calibration(u)]] for u in graph.active_users})
+    return Errors(errors, {u: root[rows_of[keys.calibration(u)]] for u in graph.calibrations})
 
 
 def _mean_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
@@ -147,10 +149,12 @@ def _last_pose_jacobians(graph: PoseGraph, states: States, user: int) -> dict[in
     x, y, z, chi = states.keyframe_poses[user][-1]
     yaw, scale = states.anchor_poses[user, 3], float(np.exp(states.calibration[user, SCALE]))
     arm = scale * rotation_2d(yaw) @ np.array([x, y])
-    by_calibration = np.zeros((5, 3))
-    by_calibration[:3, SCALE] = *arm, scale * z
-    by_calibration[4, SCALE] = 1.0
-    out = {keys.calibration(user): by_calibration}
+    out = {}
+    if user in graph.calibrations:
+        by_calibration = np.zeros((5, 3))
+        by_calibration[:3, SCALE] = *arm, scale * z
+        by_calibration[4, SCALE] = 1.0
+        out[keys.calibration(user)] = by_calibration
     if user != graph.reference:
         by_frame = np.zeros((5, 3))
         by_frame[:2, :2] = rotation_2d(yaw)

@@ -7,7 +7,7 @@ steps are the odometry factors between keyframes; range factors connect the user
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -23,8 +23,8 @@ from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import keys
 from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.optimization import optimizing
+from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.range_factors import CalibratedRangeBlockFactor, CalibratedUserKeys, PoseCache
-from synchronizar.graph.rigid_graph import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, antennas, slam_states, steps, to_rigid_ranges
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_ends
@@ -71,6 +71,8 @@ class PoseGraph:
         """
         self.recording, self.measurements, self.keyframes = recording, measurements, keyframes
         self.users = recording.users
+        self.calibrations = active_users
+        """Whose devices are variables."""
         self.active_users, self.reference = active_users, reference
         self.free = [u for u in active_users if u != reference]
         self.parameters, self.marginal_prior = parameters, marginal_prior
@@ -79,11 +81,15 @@ class PoseGraph:
         self._new = [u for u in active_users if u not in known]
         self._prior_height_users = active_users if marginal_prior is None else [reference, *self._new]
         self.sigma = np.hypot(measurements.sigma, parameters.ranges.multipath_sigma)
+        self._gain = _GAIN + _GAIN_A_RANGE * len(measurements)
         self._loss: NlosMixture = nlos_mixture(parameters)
         self._height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
-        self._links = _links(recording, measurements)
         self._pose_cache = PoseCache()
         self.read_antennas(np.zeros(len(self.users)))
+
+    def _drifting(self) -> list[int]:
+        """The users that have steps."""
+        return [u for u in self.active_users if len(self.keyframes[u]) > 1]
 
     def read_antennas(self, clock_offset: Array) -> None:
         """Read antenna positions from the tracks at clock offsets (k,) s; clock variables count from these."""
@@ -174,23 +180,26 @@ class PoseGraph:
             )
             cost += chain * float(before.range_weight[k].mean())
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
-        for u in self.active_users:
+        for u in self._drifting():
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)
             weights[u], tail = _student(squares, m.slam.drift_dof, 4)
             cost += tail
-        calibration_weight, tail = self._calibration_weights(states, before)
+        calibration_weight, tail = (
+            self._calibration_weights(states, before) if self.calibrations else (before.calibration_weight, 0.0)
+        )
         return EmWeights(odds, before.range_weight, weights, calibration_weight), cost + tail + self._height_cost(
-            states
+            states.anchor_poses
         ) + self._marginal_prior_cost(states)
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
         """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
         whitened = self.residuals(states) / self.sigma
         _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self._loss)
+        links = _links(self.recording, self.measurements)
         return replace(
             em_weights,
             range_weight=measured_range_weights(
-                self.measurements, self.sigma, whitened, weight, self._links, self.parameters
+                self.measurements, self.sigma, whitened, weight, links, self.parameters
             ),
         )
 
@@ -210,16 +219,15 @@ class PoseGraph:
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
         return np.asarray((weight * states.calibration[self._new]).sum(axis=0) / total)
 
-    def _height_cost(self, states: States) -> float:
-        heights = states.anchor_poses[self._prior_height_users, 2]
-        weight = self._height_sigma[self._prior_height_users] ** -2
-        mean = self._mean_height(states)
+    def _height_cost(self, frames: Array) -> float:
+        heights, weight = frames[self._prior_height_users, 2], self._height_sigma[self._prior_height_users] ** -2
+        mean = self._mean_height(frames)
         return 0.5 * float((weight * (heights - mean) ** 2).sum())
 
-    def _mean_height(self, states: States) -> float:
-        """The most likely mean height (m) of the origins."""
+    def _mean_height(self, frames: Array) -> float:
+        """The most likely mean height (m) of the origins, at anchor poses (k, 4)."""
         weight = self._height_sigma[self._prior_height_users] ** -2
-        return float(weight @ states.anchor_poses[self._prior_height_users, 2] / weight.sum())
+        return float(weight @ frames[self._prior_height_users, 2] / weight.sum())
 
     def _marginal_prior_cost(self, states: States) -> float:
         if self.marginal_prior is None:
@@ -229,13 +237,21 @@ class PoseGraph:
     # The graph
 
     def run_em(
-        self, states: States, em_weights: EmWeights, rounds: int, annealing: float = 1.0
+        self,
+        states: States,
+        em_weights: EmWeights,
+        rounds: int,
+        annealing: float = 1.0,
+        known: Callable[[States], bool] | None = None,
+        hopeless: float = np.inf,
     ) -> tuple[States, EmWeights, float]:
         """States, EM weights and cost at a local optimum: optimises the states and re-estimates the weights in turn.
 
-        Expectation maximisation; stops when the cost gains less than 0.05 + 3e-5 a range, or after `rounds`.
+        Expectation maximisation; stops when the cost gains less than 0.05 + 3e-5 a range (rigid: 0.005), or after
+        `rounds`; or when, after a round, the states are `known` (the cost returned is then that before it) or cost more
+        than `hopeless`.
         """
-        return finish(self.running_em(states, em_weights, rounds, annealing))
+        return finish(self.running_em(states, em_weights, rounds, annealing, known=known, hopeless=hopeless))
 
     def running_em(
         self,
@@ -244,16 +260,19 @@ class PoseGraph:
         rounds: int,
         annealing: float = 1.0,
         steps_a_round: int = _ITERATIONS,
+        known: Callable[[States], bool] | None = None,
+        hopeless: float = np.inf,
     ) -> Cooperative[tuple[States, EmWeights, float]]:
         """`run_em` as a cooperative task; near an optimum fewer `steps_a_round` are enough."""
-        about, before = states.anchor_poses, np.inf
-        gain = _GAIN + _GAIN_A_RANGE * len(self.measurements)
+        about, before, gain = states.anchor_poses, np.inf, self._gain
         for _ in range(rounds):
             if np.abs(states.calibration[:, CLOCK] - self._clock).max() > _STALE_CLOCK:
                 self.read_antennas(states.calibration[:, CLOCK])
                 yield
+            if known is not None and before < np.inf and known(states):
+                return states, em_weights, before
             em_weights, cost = self.e_step(states, em_weights)
-            if before - cost < gain:
+            if before - cost < gain or hopeless < cost < before < np.inf:
                 return states, em_weights, cost
             before = cost
             factors = self.factors(about, em_weights, annealing)
@@ -274,8 +293,14 @@ class PoseGraph:
         """
         graph = gtsam.NonlinearFactorGraph()
         self._add_priors(graph, about, em_weights)
-        for u in self.active_users:
+        for u in self._drifting():
             self.add_steps(graph, u, em_weights.step_weight[u])
+        self._add_ranges(graph, em_weights, annealing, height_curvature)
+        return graph
+
+    def _add_ranges(
+        self, graph: gtsam.NonlinearFactorGraph, em_weights: EmWeights, annealing: float, height_curvature: Array | None
+    ) -> None:
         s, (i, j) = self.measurements, self._ends
         for first, end in pairwise(self._bounds.tolist()):
             k = slice(first, end)
@@ -293,7 +318,6 @@ class PoseGraph:
             graph.add(
                 CalibratedRangeBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._pose_cache, curvature)
             )
-        return graph
 
     def linearizing(
         self, states: States, em_weights: EmWeights, height_curvature: Array | None = None
@@ -325,7 +349,13 @@ class PoseGraph:
                     keys.MEAN_HEIGHT, keys.height(u), 0.0, noise.Isotropic.Sigma(1, self._height_sigma[u])
                 )
             )
-        own, common = calibration_sigmas(m)
+        if self.calibrations:
+            self._add_calibration_priors(graph, em_weights)
+        graph.addPriorDouble(keys.MEAN_HEIGHT, 0.0, noise.Isotropic.Sigma(1, self._height_sigma[self.reference]))
+
+    def _add_calibration_priors(self, graph: gtsam.NonlinearFactorGraph, em_weights: EmWeights) -> None:
+        noise = gtsam.noiseModel
+        own, common = calibration_sigmas(self.parameters)
         weight = np.sqrt(em_weights.calibration_weight)
         for u in self._new:
             difference = np.array([0.0, 0.0, -self._clock[u]])
@@ -335,7 +365,6 @@ class PoseGraph:
                 )
             )
         graph.addPriorVector(keys.SHARED_CALIBRATION, np.zeros(3), noise.Diagonal.Sigmas(common / weight[-1]))
-        graph.addPriorDouble(keys.MEAN_HEIGHT, 0.0, noise.Isotropic.Sigma(1, self._height_sigma[self.reference]))
 
     def add_steps(self, graph: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:
         """Add the odometry factors of a user's SLAM steps; the first step starts at a fixed keyframe."""
@@ -384,7 +413,10 @@ class PoseGraph:
     def shared_keys(self) -> list[int]:
         """Keys of frames, heights, calibrations, the shared calibration and the mean height."""
         frames = [key for u in self.free for key in (keys.frame(u), keys.height(u))]
-        return [*frames, *(keys.calibration(u) for u in self.active_users), keys.SHARED_CALIBRATION, keys.MEAN_HEIGHT]
+        calibrations = (
+            [*(keys.calibration(u) for u in self.calibrations), keys.SHARED_CALIBRATION] if self.calibrations else []
+        )
+        return [*frames, *calibrations, keys.MEAN_HEIGHT]
 
     def values(self, states: States) -> gtsam.Values:
         """The states as gtsam values."""
@@ -404,9 +436,11 @@ class PoseGraph:
                 x, y, z, yaw = states.anchor_poses[u].tolist()
                 values.insert(keys.frame(u), gtsam.Pose2(x, y, yaw))
                 values.insert(keys.height(u), z)
+        for u in self.calibrations:
             values.insert(keys.calibration(u), states.calibration[u] - np.array([0.0, 0.0, self._clock[u]]))
-        values.insert(keys.SHARED_CALIBRATION, self._shared_calibration(states, np.ones((len(self.users) + 1, 3))))
-        values.insert(keys.MEAN_HEIGHT, self._mean_height(states))
+        if self.calibrations:
+            values.insert(keys.SHARED_CALIBRATION, self._shared_calibration(states, np.ones((len(self.users) + 1, 3))))
+        values.insert(keys.MEAN_HEIGHT, self._mean_height(states.anchor_poses))
         return values
 
     def states(self, values: gtsam.Values, before: States) -> States:
@@ -417,11 +451,12 @@ class PoseGraph:
             if u != self.reference:
                 at = values.atPose2(keys.frame(u))
                 frames[u] = at.x(), at.y(), values.atDouble(keys.height(u)), at.theta()
-            calibration[u] = values.atVector(keys.calibration(u))
-            calibration[u, CLOCK] += self._clock[u]
             for n in range(1, len(keyframe_poses[u])):
                 at = values.atPose2(keys.pose(u, n))
                 keyframe_poses[u][n] = at.x(), at.y(), values.atDouble(keys.local_height(u, n)), at.theta()
+        for u in self.calibrations:
+            calibration[u] = values.atVector(keys.calibration(u))
+            calibration[u, CLOCK] += self._clock[u]
         return States(frames, keyframe_poses, calibration)
 
     def last_poses(self, states: States) -> Array:

@@ -1,8 +1,8 @@
-"""Frames about the centroid of each user's walk instead of its SLAM origin, and back.
+"""Measurements about the centroid of each user's walk instead of its SLAM origin.
 
 A walk may lie far from its SLAM origin. Then an error in yaw moves the walk as much as one in position, and priors and
 optimiser steps on the frame's position no longer describe that of the walk. So frames are solved about the centroid m
-of the walk, p' = p - m, and the result is transformed back to the origin:
+of the walk, p' = p - m, and the result is transformed back to the origin (estimation/assessment.py):
 
     p_common = R p' + t'  =  R p + (t' - R m),   and about the reference's own origin + m_reference
 """
@@ -34,24 +34,3 @@ def centered(measurements: RangeMeasurements, middle: Array) -> RangeMeasurement
     return replace(
         measurements, p_i=measurements.p_i - middle[measurements.i], p_j=measurements.p_j - middle[measurements.j]
     )
-
-
-def about_origins(frames: Array, middle: Array, reference: int) -> Array:
-    """Frames (k, 4) x, y, z, yaw about the users' origins from those about centroids; common is the reference's own."""
-    out = frames.copy()
-    out[:, :2] += middle[reference, :2] - _rotated(frames, middle)
-    return out
-
-
-def errors_about_origins(frames: Array, middle: Array) -> Array:
-    """(k, 4, 4) derivatives of x, y, z, yaw about the origins by those about the centroids."""
-    out = np.tile(np.eye(4), (len(frames), 1, 1))
-    rotated = _rotated(frames, middle)
-    out[:, 0, 3], out[:, 1, 3] = rotated[:, 1], -rotated[:, 0]
-    return out
-
-
-def _rotated(frames: Array, middle: Array) -> Array:
-    """(k, 2) m: R(yaw) m of each user."""
-    c, s = np.cos(frames[:, 3]), np.sin(frames[:, 3])
-    return np.column_stack([c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1]])

@@ -50,7 +50,12 @@ class Keyframes:
         return np.searchsorted(self.until, t).astype(np.int32)
 
 
-STATIC_KEYFRAME = Keyframes(np.zeros(1), np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+def standing_at(place: Array) -> Keyframes:
+    """One keyframe for all times, at a position (3,) m."""
+    return Keyframes(np.zeros(1), place[None], np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+
+
+STATIC_KEYFRAME = standing_at(np.zeros(3))
 """The only keyframe of a static radio."""
 
 

@@ -10,7 +10,7 @@ from support.solver_scenes import off_in_plane, own_points, recording_of, track_
 
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.initialisation import Candidate, connected, joint_placements
+from synchronizar.estimation.initialisation import Candidate, connected, joint_placements, placements_in_parts
 from synchronizar.geometry import YawFrame
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import range_measurements
@@ -156,3 +156,15 @@ def test_connected_are_those_that_a_chain_of_ranges_reaches(seed: int, users: in
     reaches = np.linalg.matrix_power(touches, users) > 0.0
     for reference in range(users):
         assert connected(measurements, users, reference) == np.flatnonzero(reaches[reference]).tolist()
+
+
+def test_parts_of_a_walk_whose_ranges_are_half_nlos_place_everybody_and_are_the_same_each_time() -> None:
+    simulation = simulate(Scene(users=2, late_share=0.5, seed=3))
+    measurements = range_measurements(simulation.recording, MODEL)
+    found, again = (
+        list(placements_in_parts(measurements, simulation.recording.users, [0, 1], 0, MODEL)) for _ in range(2)
+    )
+    assert MODEL.search.parts < len(found) <= MODEL.search.parts * MODEL.search.most_followed
+    assert min(farthest(simulation, candidate) for candidate in found) < 0.5
+    for one, other in zip(found, again, strict=True):
+        np.testing.assert_array_equal(one.frames, other.frames)

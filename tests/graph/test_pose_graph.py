@@ -14,7 +14,7 @@ from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame, apply_frames, wrap_angle
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph, calibration_dof, calibration_sigmas
-from synchronizar.graph.rigid_graph import bursts_of, nlos_mixture
+from synchronizar.graph.priors import bursts_of, nlos_mixture
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, common_track
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, keyframes_of

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
 from support.reference_kernel import loss_value
@@ -11,10 +10,16 @@ from support.solver_scenes import register_rigid as register
 
 from synchronizar._core import NlosMixture, burst_nlos_odds
 from synchronizar.arrays import Array
+from synchronizar.data.ranges import Ranges
+from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
-from synchronizar.graph.rigid_graph import RigidGraph, blocks_of, bursts_of, height_sigma_of, keys_of
+from synchronizar.graph import keys
+from synchronizar.graph.marginals import marginals
+from synchronizar.graph.optimization import optimize
+from synchronizar.graph.priors import bursts_of, height_sigma_of
+from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs, range_measurements
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
 MODEL = Parameters()
@@ -26,7 +31,7 @@ def test_squared_is_what_the_loss_becomes_where_nothing_is_late() -> None:
     measurements, graph = rigid_graph(recording, model=SQUARED)
     frames = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 2.0, 0.0, 0.5]])
     e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
-    assert graph.about(frames).cost(graph.values(frames)) == pytest.approx(0.5 * float(e @ e))
+    assert graph.cost(frames) == pytest.approx(0.5 * float(e @ e))
 
 
 def height_prior(frames: Array, sigma: Array) -> float:
@@ -52,10 +57,16 @@ def test_the_cost_is_the_sum_of_the_losses_and_of_the_heights_about_their_level(
     e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
     losses = [loss_value(late, *x)[0] for x in zip(e, measurements.sigma, measurements.nlos_odds, strict=True)]
     expected = sum(losses) + height_prior(frames, np.array([0.15, 0.15, 0.15, 3.0]))
-    values = graph.about(frames).values(frames)
-    assert graph.about(frames).cost(values) == pytest.approx(expected, rel=1e-9)
+    assert graph.cost(frames) == pytest.approx(expected, rel=1e-9)
     # What the optimiser lowers is the same.
-    assert graph.about(frames).factors().error(values) == pytest.approx(expected, rel=1e-9)
+    values = graph.values(graph.initial_states(frames))
+    factors = graph.factors(frames, graph.initial_em_weights())
+    assert factors.error(values) == pytest.approx(expected, rel=1e-9)
+
+
+def covariances(graph: RigidGraph, frames: Array) -> Array:
+    """(k, 4, 4) of x, y, z, yaw beside the reference."""
+    return marginals(graph, graph.initial_states(frames), graph.initial_em_weights()).relative
 
 
 def numerical_covariance(graph: RigidGraph, frames: Array) -> Array:
@@ -67,7 +78,7 @@ def numerical_covariance(graph: RigidGraph, frames: Array) -> Array:
     def cost(step: Array) -> float:
         moved = frames.copy()
         moved[free] += step.reshape(-1, 4)
-        return graph.cost(graph.values(moved))
+        return graph.cost(moved)
 
     hessian = np.zeros((n, n))
     steps = h * np.eye(n)
@@ -85,17 +96,17 @@ def test_covariances_are_those_of_x_y_z_in_the_common_axes_and_yaw(seed: int, re
     simulation = simulate(Scene(users=3, seconds=5.0, sigma=0.0, height_bob=0.2, seed=seed))
     _, graph = rigid_graph(simulation.recording, reference, SQUARED)
     frames = true_frames(simulation, f"phone{reference}")
-    graph = graph.about(frames)
-    found = graph.covariances(graph.values(frames))
+    found = covariances(graph, frames)
     expected = numerical_covariance(graph, frames)
     for u, covariance in zip(graph.free, expected, strict=True):
         sigma = np.sqrt(np.diag(covariance))
         np.testing.assert_allclose(found[u] / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=5e-3)
 
 
-def run_em(graph: RigidGraph, frames: Array) -> Array:
-    values = gtsam.LevenbergMarquardtOptimizer(graph.factors(), graph.values(frames)).optimize()
-    return graph.frames(values)
+def most_likely(graph: RigidGraph, frames: Array) -> Array:
+    states = graph.initial_states(frames)
+    factors = graph.factors(frames, graph.initial_em_weights())
+    return graph.states(optimize(factors, graph.values(states), graph.ordering(), 20, 1e-6), states).anchor_poses
 
 
 def redrawn(measurements: RangeMeasurements, frames: Array, noise: Array) -> RangeMeasurements:
@@ -112,53 +123,55 @@ def test_estimates_from_400_redraws_of_the_noise_scatter_as_the_covariance_says(
     errors = []
     for _ in range(400):
         drawn = replace(measurements, distance=true + random.normal(0.0, 0.1, len(measurements)))
-        of_draw = RigidGraph(blocks_of(drawn), graph.users, [0, 1, 2], 0, SQUARED).about(frames)
-        errors.append(difference(run_em(of_draw, frames), frames))
-    clean = RigidGraph(blocks_of(replace(measurements, distance=true)), graph.users, [0, 1, 2], 0, SQUARED).about(
-        frames
-    )
-    covariances = clean.covariances(clean.values(frames))
+        of_draw = RigidGraph(graph.recording, drawn, np.zeros((3, 3)), [0, 1, 2], 0, SQUARED)
+        errors.append(difference(most_likely(of_draw, frames), frames))
+    clean = RigidGraph(graph.recording, replace(measurements, distance=true), np.zeros((3, 3)), [0, 1, 2], 0, SQUARED)
+    expected = covariances(clean, frames)
     plane = [0, 1, 3]
     for u in (1, 2):
         found = np.cov(np.array(errors)[:, u, plane].T)
-        whiten = np.linalg.inv(np.linalg.cholesky(covariances[u][np.ix_(plane, plane)]))
+        whiten = np.linalg.inv(np.linalg.cholesky(expected[u][np.ix_(plane, plane)]))
         ratios = np.linalg.eigvalsh(whiten @ found @ whiten.T)
         # Marchenko and Pastur: (1 +- sqrt(3 / 400))^2 is 0.83 to 1.18.
         assert ratios.min() > 0.78
         assert ratios.max() < 1.24
 
 
-def lonely(*users: User) -> RigidGraph:
+def lonely(*users: User, active_users: list[int] | None = None, reference: int = 0) -> RigidGraph:
     """Users that know of each other only what is known of anybody."""
-    return RigidGraph([], users, list(range(len(users))), 0, MODEL)
+    recording = Recording(users, {}, Ranges.of(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0)))
+    everybody, nothing = list(range(len(users))), np.zeros((len(users), 3))
+    samples = range_measurements(recording, MODEL)
+    return RigidGraph(recording, samples, nothing, active_users or everybody, reference, MODEL)
 
 
 def test_before_any_range_two_equal_devices_lie_one_height_sigma_apart() -> None:
-    graph = lonely(User("a"), User("b"))
-    covariance = graph.covariances(graph.values(np.zeros((2, 4))))[1]
+    graph = lonely(User("a", static=True, height_sigma=0.15), User("b", static=True, height_sigma=0.15))
+    covariance = covariances(graph, np.zeros((2, 4)))[1]
     np.testing.assert_allclose(np.diag(covariance), graph.prior_variances(1))
-    assert covariance[2, 2] == pytest.approx(MODEL.priors.height_sigma**2)
+    assert covariance[2, 2] == pytest.approx(0.15**2)
     assert covariance[3, 3] == pytest.approx(MODEL.priors.yaw_sigma**2)
     assert covariance[0, 0] == pytest.approx(MODEL.priors.place_sigma**2)
 
 
-def test_before_any_range_all_users_have_their_prior_variances() -> None:
-    graph = lonely(User("a"), User("b", height_sigma=0.5), User("c", static=True), User("d", True, 0.01))
-    found = graph.covariances(graph.values(np.zeros((4, 4))))
+def test_before_any_range_all_users_have_their_prior_variances_and_share_one_prior_of_headings() -> None:
+    graph = lonely(*(User(name, True, sigma) for name, sigma in zip("abcd", (0.15, 0.5, None, 0.01), strict=True)))
+    found = covariances(graph, np.zeros((4, 4)))
     for u, sigma in ((1, 0.5), (2, MODEL.priors.static_height_sigma), (3, 0.01)):
-        np.testing.assert_allclose(np.diag(found[u]), graph.prior_variances(u))
-        assert found[u][2, 2] == pytest.approx(0.5 * (MODEL.priors.height_sigma**2 + sigma**2))
+        variances = np.diag(found[u])
+        np.testing.assert_allclose(variances[:3], graph.prior_variances(u)[:3])
+        assert variances[3] == pytest.approx(3.0 * MODEL.priors.yaw_sigma**2)
+        assert found[u][2, 2] == pytest.approx(0.5 * (0.15**2 + sigma**2))
     assert height_sigma_of(User("d", True, 0.01), MODEL) == 0.01
+    assert height_sigma_of(User("d"), MODEL) == MODEL.priors.height_sigma
 
 
 def test_the_reference_is_exact_and_who_is_not_placed_has_no_covariance() -> None:
-    graph = RigidGraph([], (User("a"), User("b"), User("c")), [0, 2], 2, MODEL)
-    found = graph.covariances(graph.values(np.zeros((3, 4))))
+    graph = lonely(*(User(name, static=True) for name in "abc"), active_users=[0, 2], reference=2)
+    found = covariances(graph, np.zeros((3, 4)))
     np.testing.assert_array_equal(found[2], 0.0)
     assert np.isnan(found[1]).all()
     assert np.isfinite(found[0]).all()
-    frames = graph.frames(graph.values(np.zeros((3, 4))))
-    np.testing.assert_array_equal(np.isnan(frames[:, 0]), [False, True, False])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -182,7 +195,6 @@ def test_bursts_cost_what_each_pair_s_chain_and_the_heights_cost() -> None:
     simulation = late_walk(1)
     measurements, graph = rigid_graph(simulation.recording)
     frames = noisy(true_frames(simulation, "phone0"), 1)
-    graph = graph.about(frames)
     e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
     late = NlosMixture(MODEL.ranges.detour_scale, MODEL.ranges.short_share / (1.0 - MODEL.ranges.short_share))
     chains = 0.0
@@ -196,47 +208,77 @@ def test_bursts_cost_what_each_pair_s_chain_and_the_heights_cost() -> None:
             late,
             bursts_of(MODEL),
         )[1]
-    _, cost = graph.with_bursts(graph.values(frames))
+    _, cost = graph.e_step(graph.initial_states(frames), graph.initial_em_weights())
     assert cost == pytest.approx(chains + height_prior(frames, np.full(3, MODEL.priors.height_sigma)), rel=1e-9)
 
 
 def test_ranges_within_a_burst_become_suspicious_and_the_others_trusted() -> None:
     simulation = late_walk(2)
     measurements, graph = rigid_graph(simulation.recording)
-    frames = true_frames(simulation, "phone0")
-    values = graph.values(frames)
-    before = graph.inlier_probability(values)
-    judged, _ = graph.with_bursts(values)
+    states = graph.initial_states(true_frames(simulation, "phone0"))
+    prior = graph.initial_em_weights()
+    judged, _ = graph.e_step(states, prior)
+    (_, before), (_, after) = (graph.inlier_probability(states, weights) for weights in (prior, judged))
     late = simulation.late[measurements.row]
-    assert judged.inlier_probability(values)[late].mean() < before[late].mean()
-    assert judged.inlier_probability(values)[~late].mean() > before[~late].mean()
-    np.testing.assert_array_equal(graph.inlier_probability(values), before)  # the graph itself stays as it was
+    assert after[late].mean() < before[late].mean()
+    assert after[~late].mean() > before[~late].mean()
 
 
 def test_judging_bursts_twice_at_the_same_place_changes_nothing() -> None:
     simulation = late_walk(3)
     _, graph = rigid_graph(simulation.recording)
-    values = graph.values(true_frames(simulation, "phone0"))
-    once, cost = graph.with_bursts(values)
-    twice, again = once.with_bursts(values)
+    states = graph.initial_states(true_frames(simulation, "phone0"))
+    once, cost = graph.e_step(states, graph.initial_em_weights())
+    twice, again = graph.e_step(states, once)
     assert again == cost
-    np.testing.assert_array_equal(once.inlier_probability(values), twice.inlier_probability(values))
+    np.testing.assert_array_equal(once.nlos_odds, twice.nlos_odds)
 
 
-def test_residuals_are_measured_minus_predicted_in_the_order_of_the_samples() -> None:
+def test_residuals_are_predicted_minus_measured_in_the_order_of_the_measurements() -> None:
     simulation = late_walk(4)
     measurements, graph = rigid_graph(simulation.recording)
     frames = noisy(true_frames(simulation, "phone0"), 4)
-    residuals = graph.residuals(graph.values(frames))
-    np.testing.assert_allclose(residuals, measurements.distance - distances(measurements, frames), atol=1e-9)
+    residuals = graph.residuals(graph.initial_states(frames))
+    np.testing.assert_allclose(residuals, distances(measurements, frames) - measurements.distance, atol=1e-9)
 
 
-def test_frames_and_values_are_each_other_s_inverse() -> None:
-    graph = lonely(User("a"), User("b"), User("c"))
+def test_frames_about_anchors_leave_the_residuals_as_they_are_about_the_origins() -> None:
+    simulation = late_walk(5)
+    measurements, graph = rigid_graph(simulation.recording)
+    frames, anchors = true_frames(simulation, "phone0"), np.array([[3.0, -1.0, 0.0], [7.0, 2.0, 0.0], [-4.0, 5.0, 0.0]])
+    about = RigidGraph(simulation.recording, measurements, anchors, [0, 1, 2], 0, MODEL)
+    c, s = np.cos(frames[:, 3]), np.sin(frames[:, 3])
+    moved = frames.copy()  # each anchor in the common frame, whose origin is then the reference's anchor
+    moved[:, 0] += c * anchors[:, 0] - s * anchors[:, 1] - anchors[0, 0]
+    moved[:, 1] += s * anchors[:, 0] + c * anchors[:, 1] - anchors[0, 1]
+    expected = graph.residuals(graph.initial_states(frames))
+    np.testing.assert_allclose(about.residuals(about.initial_states(moved)), expected, atol=1e-9)
+    np.testing.assert_array_equal(about.last_poses(about.initial_states(moved)), moved)
+
+
+def test_states_and_values_are_each_other_s_inverse() -> None:
+    graph = lonely(*(User(name, static=True) for name in "abc"))
     frames = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, -2.0, 0.3, 3.0], [5.0, 0.5, -0.1, -3.0]])
-    values = graph.values(frames)
-    np.testing.assert_allclose(graph.frames(values), frames)
-    assert values.atDouble(keys_of(1).height) == 0.3
+    states = graph.initial_states(frames)
+    values = graph.values(states)
+    elsewhere = graph.initial_states(np.zeros((3, 4)))
+    np.testing.assert_allclose(graph.states(values, elsewhere).anchor_poses, frames)
+    assert values.atDouble(keys.height(1)) == 0.3
+    assert values.size() == 5  # frames, heights, and the height that all lie about: nothing of a device
+
+
+def test_who_has_come_to_a_known_optimum_is_followed_no_further() -> None:
+    simulation = late_walk(6)
+    _, graph = rigid_graph(simulation.recording)
+    start = graph.initial_states(noisy(true_frames(simulation, "phone0"), 6))
+    _, _, begun = graph.run_em(start, graph.initial_em_weights(), 0)
+    states, _, cost = graph.run_em(start, graph.initial_em_weights(), 10, known=lambda _: True)
+    once, _, after = graph.run_em(start, graph.initial_em_weights(), 1)
+    np.testing.assert_array_equal(states.anchor_poses, once.anchor_poses)
+    assert cost == begun  # that of the known optimum is not looked at again
+    states, _, cost = graph.run_em(start, graph.initial_em_weights(), 10, hopeless=after - 1.0)
+    np.testing.assert_array_equal(states.anchor_poses, once.anchor_poses)
+    assert cost == after
 
 
 def test_the_reference_alone_makes_an_empty_graph() -> None:

@@ -6,33 +6,8 @@ import numpy as np
 from support.solver_scenes import register_rigid as register
 
 from synchronizar.data.recording import Recording
-from synchronizar.geometry import apply_frames
-from synchronizar.preprocessing.centering import about_origins, errors_about_origins
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
-
-RANDOM = np.random.default_rng(5)
-FRAMES = RANDOM.normal(size=(4, 4)) * [5.0, 5.0, 0.3, 2.0]
-MIDDLE = np.column_stack([RANDOM.normal(size=(4, 2)) * 30.0, np.zeros(4)])
-
-
-def test_a_frame_about_its_origin_puts_points_where_the_one_about_the_middle_did() -> None:
-    reference = 2
-    points = RANDOM.normal(size=(4, 3)) * 10.0 + MIDDLE
-    about_middles = apply_frames(FRAMES, points - MIDDLE)
-    # The common frame of the one is about the reference's middle, that of the other about its origin.
-    expected = about_middles + MIDDLE[reference]
-    np.testing.assert_allclose(apply_frames(about_origins(FRAMES, MIDDLE, reference), points), expected, atol=1e-12)
-
-
-def test_the_derivatives_of_frames_about_origins_are_those_of_differences() -> None:
-    step = 1e-6
-    exact = errors_about_origins(FRAMES, MIDDLE)
-    for column in range(4):
-        shift = np.zeros(4)
-        shift[column] = step
-        ahead, back = (about_origins(FRAMES + sign * shift, MIDDLE, 0) for sign in (1.0, -1.0))
-        np.testing.assert_allclose(exact[:, :, column], (ahead - back) / (2.0 * step), atol=1e-6)
 
 
 def test_a_walk_fifty_kilometres_from_its_own_origin_is_registered_as_well_as_at_it() -> None:

@@ -9,7 +9,7 @@ from functools import partial
 import gtsam
 import numpy as np
 
-from synchronizar._core import UserPose
+from synchronizar._core import RangeBlock, UserPose
 from synchronizar.arrays import Array, Indices
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
@@ -19,10 +19,11 @@ from synchronizar.data.user import User
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
-from synchronizar.graph.rigid_graph import RigidGraph, blocks_of, nlos_mixture
+from synchronizar.graph.priors import nlos_mixture
+from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import Pair, RangeMeasurements, range_measurements
+from synchronizar.preprocessing.range_measurements import Pair, RangeMeasurements, pairs, range_measurements
 from synchronizar.simulation.simulate import Simulation
 
 MEAN_HEIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -76,8 +77,8 @@ def rigid_graph(
 ) -> tuple[RangeMeasurements, RigidGraph]:
     """The samples of a recording in which everybody is placed, and their graph."""
     model = model or Parameters()
-    samples, users = range_measurements(recording, model), recording.users
-    return samples, RigidGraph(blocks_of(samples), users, list(range(len(users))), reference, model)
+    samples, k = range_measurements(recording, model), len(recording.users)
+    return samples, RigidGraph(recording, samples, np.zeros((k, 3)), list(range(k)), reference, model)
 
 
 def true_frames(simulation: Simulation, reference: str) -> Array:
@@ -141,15 +142,13 @@ def pair_bending(graph: PoseGraph, walks: States, em_weights: EmWeights) -> list
     """
     flat = replace(graph.to_rigid_ranges(walks), nlos_odds=em_weights.nlos_odds)
     poses = [UserPose(x, y, yaw, z) for x, y, z, yaw in walks.anchor_poses.tolist()]
-    range_weight = em_weights.range_weight
-    return [
-        (
-            b.pair,
-            float(range_weight[b.pair.measurements].mean())
-            * b.block.height_curvature(poses[b.pair.i], poses[b.pair.j], nlos_mixture(graph.parameters)),
-        )
-        for b in blocks_of(flat)
-    ]
+    out = []
+    for pair in pairs(flat):
+        s = flat[pair.measurements]
+        block = RangeBlock(s.p_i, s.p_j, s.distance, s.sigma, s.nlos_odds)
+        bends = block.height_curvature(poses[pair.i], poses[pair.j], nlos_mixture(graph.parameters))
+        out.append((pair, float(em_weights.range_weight[pair.measurements].mean()) * bends))
+    return out
 
 
 def flat_keys(keys: list[int]) -> list[int]:
