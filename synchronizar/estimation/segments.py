@@ -93,7 +93,7 @@ def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
 
 
 def _search(measurements: RangeMeasurements, graph: PoseGraph, parameters: Parameters) -> list[States]:
-    """Starts from the global search with rigid SLAM; the sigmas of ranges include `search.sigma` for what is not rigid."""
+    """Starts from the global search with rigid SLAM; range sigmas include `search.sigma` for what is not rigid."""
     middle = centroids(measurements, len(graph.users))
     wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, parameters.search.sigma))
     found = joint_placements(wide, graph.users, graph.active_users, graph.reference, parameters)
