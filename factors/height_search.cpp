@@ -131,7 +131,7 @@ std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
     return std::clamp(static_cast<int>(std::lround(height / p.step_length)), -reach, reach);
   };
   std::mt19937 random(1);  // a fixed draw: the same ranges give the same answer
-  std::vector<State> minima;
+  std::vector<State> optima;
   for (int start = 0; start < kStarts; ++start) {
     State state{std::vector<int>(users.size()), 0.0};
     for (size_t u = 0; u < users.size(); ++u) {
@@ -141,15 +141,15 @@ std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
     }
     state.mean_height = p.mean_height(state.at);
     p.descend(state);
-    minima.push_back(state);
+    optima.push_back(state);
   }
 
   // Best first; neighbouring steps on a plateau are one optimum.
-  std::sort(minima.begin(), minima.end(),
+  std::sort(optima.begin(), optima.end(),
             [&](const State& a, const State& b) { return p.cost(a) < p.cost(b); });
-  const double limit = p.cost(minima.front()) + most_above;
+  const double limit = p.cost(optima.front()) + most_above;
   std::vector<State> kept;
-  for (const State& state : minima) {
+  for (const State& state : optima) {
     const auto near = [&](const State& other) {
       for (size_t u = 0; u < users.size(); ++u) {
         if (std::abs(other.at[u] - state.at[u]) > kNear) return false;

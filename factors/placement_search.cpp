@@ -223,17 +223,17 @@ double cost(const Problem& p, const Kind& loss, const Placement& at, const std::
   return sum;
 }
 
-// Levenberg-Marquardt on (x, y, z, yaw), with yaw about the centroid of the user's antennas, where it is
-// least coupled with the position.
+// Levenberg-Marquardt on (x, y, z, yaw), with yaw about `centroid`, the mean of the extent points, where it
+// is least coupled with the position.
 template <class Kind>
-void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, const Vector3& middle,
+void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, const Vector3& centroid,
             int steps, Placement& at) {
   constexpr double kGain = 1e-3;  // of the cost: stops at a smaller gain
   double damping = 1e-3;
   at.cost = cost(p, loss, at, pick);
   for (int step = 0; step < steps; ++step) {
     const CommonFromLocal common_from_user({at.x, at.y, at.yaw, at.z});
-    const Vector3 pivot = common_from_user(middle);
+    const Vector3 pivot = common_from_user(centroid);
     Eigen::Matrix4d H = Eigen::Matrix4d::Zero();
     Eigen::Vector4d g = Eigen::Vector4d::Zero();
     const double height_weight = 1.0 / (p.options.height_sigma * p.options.height_sigma);
@@ -257,7 +257,7 @@ void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, co
       damped.diagonal().array() += 1e-9;
       const Eigen::Vector4d delta = -damped.ldlt().solve(g);
       Placement next{0.0, 0.0, 0.0, at.yaw + delta[3], 0.0};
-      const Vector3 origin = pivot + delta.head<3>() - CommonFromLocal({0.0, 0.0, next.yaw, 0.0})(middle);
+      const Vector3 origin = pivot + delta.head<3>() - CommonFromLocal({0.0, 0.0, next.yaw, 0.0})(centroid);
       next.x = origin.x();
       next.y = origin.y();
       next.z = origin.z();
@@ -288,7 +288,7 @@ std::vector<Placement> search_placements(const Points& known, const Points& own,
   Points extent(static_cast<Eigen::Index>(extent_rows.size()), 3);
   for (size_t k = 0; k < extent_rows.size(); ++k)
     extent.row(static_cast<Eigen::Index>(k)) = own.row(extent_rows[k]);
-  const Vector3 middle = extent.colwise().mean();
+  const Vector3 centroid = extent.colwise().mean();
 
   std::vector<Placement> found;
   for (const Scored& start : search_grid(p, extent)) {
@@ -308,11 +308,11 @@ std::vector<Placement> search_placements(const Points& known, const Points& own,
   const std::vector<int> few = even_selection(n, kCoarseRanges);
   const std::vector<int> pick = even_selection(n, options.most_ranges);
   for (Placement& at : found) {
-    refine(p, GemanMcClure{kWide}, few, middle, kWideSteps, at);
+    refine(p, GemanMcClure{kWide}, few, centroid, kWideSteps, at);
     at.cost = cost(p, options.loss, at, pick);
   }
   keep_good(kInQuestion * options.most_cost_above);
-  for (Placement& at : found) refine(p, options.loss, pick, middle, kSteps, at);
+  for (Placement& at : found) refine(p, options.loss, pick, centroid, kSteps, at);
 
   const std::vector<int> all = even_selection(n, n);
   for (Placement& at : found) {

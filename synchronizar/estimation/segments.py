@@ -95,8 +95,8 @@ def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
 def _search(measurements: RangeMeasurements, graph: PoseGraph, parameters: Parameters) -> list[States]:
     """Starts from the global search with rigid SLAM; range sigmas include `search.sigma` for what is not rigid."""
     middle = centroids(measurements, len(graph.users))
-    wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, parameters.search.sigma))
-    found = joint_placements(wide, graph.users, graph.active_users, graph.reference, parameters)
+    inflated = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, parameters.search.sigma))
+    found = joint_placements(inflated, graph.users, graph.active_users, graph.reference, parameters)
     anchors = np.array([k.anchor for k in graph.keyframes]) - middle
     about_anchors = [np.column_stack([apply_frames(h.frames, anchors), h.frames[:, 3]]) for h in found]
     return [graph.initial_states(relative_to(frames, graph.reference)) for frames in about_anchors]
@@ -110,9 +110,9 @@ def _extended_states(graph: PoseGraph, before: LocalOptimum, known: list[int], p
         frames = np.full_like(states.anchor_poses, np.nan)
         frames[known] = states.anchor_poses[known]
         flat = graph.to_rigid_ranges(states._replace(anchor_poses=frames))
-        wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
+        inflated = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
         user = max(new, key=lambda u: ties(flat, u, known))
-        grown = extend(wide, [Candidate(frames, 0.0)], graph.users, user, parameters)
+        grown = extend(inflated, [Candidate(frames, 0.0)], graph.users, user, parameters)
         states.anchor_poses[user] = grown[0].frames[user]
         known, new = [*known, user], [u for u in new if u != user]
     return states

@@ -354,7 +354,7 @@ class PoseGraph:
                 graph.add(gtsam.BetweenFactorDouble(here, there, z, vertical))
 
     def keys(self, user: int, keyframe: int) -> CalibratedUserKeys:
-        """Keys of a user at a keyframe; the reference's frame and everybody's first keyframe are fixed."""
+        """Keys of a user at a keyframe; the reference's frame and every user's first keyframe are fixed."""
         free, first = user != self.reference, keyframe == 0
         return CalibratedUserKeys(
             keys.frame(user) if free else None,
