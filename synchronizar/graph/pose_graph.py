@@ -157,7 +157,8 @@ class PoseGraph:
     def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:
         """EM weights re-estimated at these states, and the states' negative log likelihood.
 
-        Range weights stay as they were before. Costs compare between graphs with the same ranges and range weights.
+        Range weights stay as they were before. Costs of graphs with the same ranges and range weights can be
+        compared.
         """
         m, s = self.parameters, self.measurements
         whitened = self.residuals(states) / self.sigma
@@ -233,7 +234,8 @@ class PoseGraph:
     ) -> tuple[States, EmWeights, float]:
         """States, EM weights and cost at a local optimum: optimises the states and re-estimates the weights in turn.
 
-        Expectation maximisation; stops when the cost gains less than 0.05 + 3e-5 a range, or after `rounds`.
+        Expectation maximisation; stops when a round lowers the cost by less than `_GAIN` + `_GAIN_A_RANGE` a range, or
+        after `rounds`.
         """
         return finish(self.running_em(states, em_weights, rounds, annealing))
 

@@ -94,7 +94,7 @@ def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:
 
 
 def _middle(of_keyframes: list[int]) -> dict[int, None]:
-    """The middle `_MOST_KEYFRAMES` keyframes' keys, of two a keyframe in the order of time."""
+    """Keys of the middle `_MOST_KEYFRAMES` keyframes; `of_keyframes` has two a keyframe, by time."""
     excess = max(len(of_keyframes) // 2 - _MOST_KEYFRAMES, 0)
     first = 2 * (excess // 2)
     return dict.fromkeys(of_keyframes[first : first + 2 * _MOST_KEYFRAMES])
