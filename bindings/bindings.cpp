@@ -1,4 +1,5 @@
-// The core's Python face: arrays in, arrays out. Shapes and signs are checked here, once.
+// Python bindings of the core: arrays in, arrays out. Shapes and signs are checked here; faults raise
+// ValueError.
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>

@@ -47,7 +47,7 @@ CalibratedRangeBlock::SquareRoot CalibratedRangeBlock::square_root(
   const CommonFromCalibrated common_from_i(pose_i, calibration_i), common_from_j(pose_j, calibration_j);
   const double bias = calibration_i.range_bias + calibration_j.range_bias;
   Squeeze<kRows> rows;
-  double bends = 0.0;
+  double height_information = 0.0;
   std::visit(
       [&](const auto& kind) {
         for (Eigen::Index n = 0; n < size(); ++n) {
@@ -68,12 +68,12 @@ CalibratedRangeBlock::SquareRoot CalibratedRangeBlock::square_root(
           row *= root / sigma_[n];
           row[9] = slope / root;
           row *= std::sqrt(range_weight_[n]);
-          bends += range_weight_[n] * line.height_curvature(slope / sigma_[n]);
+          height_information += range_weight_[n] * line.height_curvature(slope / sigma_[n]);
         }
       },
       loss.kind);
-  if (height_curvature) bends = *height_curvature;
-  if (bends > 0.0) rows.next()[2] = std::sqrt(bends);
+  if (height_curvature) height_information = *height_curvature;
+  if (height_information > 0.0) rows.next()[2] = std::sqrt(height_information);
   const auto triangle = rows.triangle();
   SquareRoot out;
   const auto fill = [&](int column, const LineToUser& line_to_columns, double sign, int own) {

@@ -17,9 +17,9 @@ struct Antennas {
 
 class CalibratedRangeBlock {
  public:
-  // N antennas at each end, N measured distances (m), their sigmas (m, > 0), odds of being late (>= 0), and
-  // what each is worth (> 0): the loss of a range is taken as often, for errors that hang together tell less
-  // than their number. The caller has checked the shapes.
+  // N antennas at each end, N measured distances (m), sigmas (m, > 0), NLOS odds (>= 0), and range weights
+  // (> 0): composite-likelihood weights, the number of independent ranges that each one counts as, by which
+  // its loss is multiplied. The caller has checked the shapes.
   CalibratedRangeBlock(Antennas i, Antennas j, Column measured, Column sigma, Column nlos_odds,
                        Column range_weight);
 
@@ -29,16 +29,17 @@ class CalibratedRangeBlock {
   Column residuals(const UserPose& pose_i, const Calibration& calibration_i, const UserPose& pose_j,
                    const Calibration& calibration_j) const;
 
-  // The sum of the losses, each as often as it is worth.
+  // Negative log likelihood: the sum of the losses times the range weights.
   double cost(const UserPose& pose_i, const Calibration& calibration_i, const UserPose& pose_j,
               const Calibration& calibration_j, const Loss& loss) const;
 
-  // A quadratic model of the cost, as RangeBlock's: ten rows [A b] over i's columns, j's columns and a
-  // residual. Nine numbers are what a range's row can be made of: the line's four, the bias, two scales and
-  // two clocks.
-  // The ranges' own bending is clipped at 0 block by block, which keeps steps short; noise that is clipped in
-  // each of many blocks adds up to information that nobody has. Who asks how sure a height is hands in what
-  // all blocks of a pair say together: `height_curvature`, 1/m^2.
+  // A quadratic model of the cost as in RangeBlock: ten rows [A b] over i's columns, j's columns and a
+  // residual. The row of a range is a linear map of nine numbers: the line's four, the bias (one column for
+  // both), two scales and two clocks.
+  //
+  // Height curvature is clipped at 0 block by block, which is safe for optimisation steps. For covariances it
+  // is not: clipped noise of many blocks adds up to information that ranges do not have. There the block's
+  // share of its pair's total, `height_curvature` (1/m^2), replaces its own.
   static constexpr int kRows = 10;
   using SquareRoot = Eigen::Matrix<double, kRows, 2 * kUserAndCalibrationColumns + 1>;
   SquareRoot square_root(const UserPose& pose_i, const Calibration& calibration_i, const UserPose& pose_j,

@@ -10,12 +10,12 @@ namespace {
 using std::size_t;
 
 constexpr double kFinest = 0.05;  // m, the tables' step
-constexpr int kMostSteps = 400;   // to either side of a height; where more would be needed the step is larger
-constexpr double kReach = 4.0;    // sigmas of the prior that a height is sought within
-constexpr int kNear = 2;          // steps: minima that are closer are one
+constexpr int kMostSteps = 400;   // up or down from 0; where more are needed the step is larger
+constexpr double kReach = 4.0;    // sigmas of the prior within which heights are searched
+constexpr int kNear = 2;          // steps: optima that are no further apart are one
 constexpr int kStarts = 64;
 constexpr int kMostSweeps = 50;
-constexpr int kMostRanges = 64;  // of a pair that its table looks at; the others are taken to say the same
+constexpr int kMostRanges = 64;  // of a pair in its table, evenly chosen; they stand for all
 
 // A pair's cost at each difference in height, in steps from -`zero` to `zero`.
 struct Table {
@@ -35,10 +35,10 @@ double step_of(const std::vector<HeightUser>& users) {
   return std::max(kFinest, reach / kMostSteps);
 }
 
-// Heights in steps, and the level that is the most likely at them.
+// Heights in steps, and the most likely mean height (m) for them.
 struct State {
   std::vector<int> at;
-  double level;
+  double mean_height;
 };
 
 struct Problem {
@@ -49,11 +49,12 @@ struct Problem {
 
   int steps_of(size_t user) const { return static_cast<int>(std::ceil(reach_of(users[user]) / step_length)); }
 
-  double prior(size_t user, int step, double level) const {
-    return users[user].present ? 0.5 * std::pow((step_length * step - level) / users[user].sigma, 2) : 0.0;
+  double prior(size_t user, int step, double mean_height) const {
+    return users[user].present ? 0.5 * std::pow((step_length * step - mean_height) / users[user].sigma, 2)
+                               : 0.0;
   }
 
-  double level(const std::vector<int>& at) const {
+  double mean_height(const std::vector<int>& at) const {
     double sum = 0.0, weights = 0.0;
     for (size_t u = 0; u < users.size(); ++u) {
       if (!users[u].present) continue;
@@ -64,9 +65,9 @@ struct Problem {
     return weights > 0.0 ? sum / weights : 0.0;
   }
 
-  // The cost of user u's height at `step`, the others' given.
+  // The part of the cost that depends on user u's height, at `step`, given the other heights.
   double cost_at(size_t u, int step, const State& state) const {
-    double sum = prior(u, step, state.level);
+    double sum = prior(u, step, state.mean_height);
     for (const size_t k : tables_of[u]) {
       const Table& table = tables[k];
       const auto i = static_cast<size_t>(table.i), j = static_cast<size_t>(table.j);
@@ -78,14 +79,15 @@ struct Problem {
 
   double cost(const State& state) const {
     double sum = 0.0;
-    for (size_t u = 0; u < users.size(); ++u) sum += prior(u, state.at[u], state.level);
+    for (size_t u = 0; u < users.size(); ++u) sum += prior(u, state.at[u], state.mean_height);
     for (const Table& t : tables) {
       sum += t.cost[state.at[static_cast<size_t>(t.i)] - state.at[static_cast<size_t>(t.j)] + t.zero];
     }
     return sum;
   }
 
-  // To the next minimum, a step at a time: a jump over a barrier would leave out the minimum before it.
+  // Coordinate descent to the next local optimum, one table step at a time: a longer one could skip an
+  // optimum.
   void descend(State& state) const {
     bool moved = true;
     for (int sweep = 0; sweep < kMostSweeps && moved; ++sweep) {
@@ -93,17 +95,17 @@ struct Problem {
       for (size_t u = 0; u < users.size(); ++u) {
         if (!users[u].free) continue;
         double least = cost_at(u, state.at[u], state);
-        for (const int way : {-1, 1}) {
-          while (std::abs(state.at[u] + way) <= steps_of(u)) {
-            const double next = cost_at(u, state.at[u] + way, state);
+        for (const int direction : {-1, 1}) {
+          while (std::abs(state.at[u] + direction) <= steps_of(u)) {
+            const double next = cost_at(u, state.at[u] + direction, state);
             if (next >= least - 1e-9) break;
             least = next;
-            state.at[u] += way;
+            state.at[u] += direction;
             moved = true;
           }
         }
       }
-      state.level = level(state.at);
+      state.mean_height = mean_height(state.at);
     }
   }
 };
@@ -129,7 +131,7 @@ std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
     return std::clamp(static_cast<int>(std::lround(height / p.step_length)), -reach, reach);
   };
   std::mt19937 random(1);  // a fixed draw: the same ranges give the same answer
-  std::vector<State> minima;
+  std::vector<State> optima;
   for (int start = 0; start < kStarts; ++start) {
     State state{std::vector<int>(users.size()), 0.0};
     for (size_t u = 0; u < users.size(); ++u) {
@@ -137,17 +139,17 @@ std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
       const double begin = users[u].pose.frame_height;
       state.at[u] = nearest(u, start == 0 || !users[u].free ? begin : start == 1 ? -begin : drawn);
     }
-    state.level = p.level(state.at);
+    state.mean_height = p.mean_height(state.at);
     p.descend(state);
-    minima.push_back(state);
+    optima.push_back(state);
   }
 
-  // Best first; on a plateau neighbouring steps are all but minima, and count once.
-  std::sort(minima.begin(), minima.end(),
+  // Best first; neighbouring steps on a plateau are one optimum.
+  std::sort(optima.begin(), optima.end(),
             [&](const State& a, const State& b) { return p.cost(a) < p.cost(b); });
-  const double limit = p.cost(minima.front()) + most_above;
+  const double limit = p.cost(optima.front()) + most_above;
   std::vector<State> kept;
-  for (const State& state : minima) {
+  for (const State& state : optima) {
     const auto near = [&](const State& other) {
       for (size_t u = 0; u < users.size(); ++u) {
         if (std::abs(other.at[u] - state.at[u]) > kNear) return false;

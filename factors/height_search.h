@@ -1,11 +1,10 @@
-// The heights of many users at once: every combination that explains the ranges.
+// Global search over the heights of all users: every combination that is a local optimum.
 //
-// Whoever walks on the level sees of another's height only its size, not its sign: one that is 0.3 m higher
-// and one that is 0.3 m lower give the same ranges. Among k users each such sign is a choice of its own, and
-// a minimum of the cost is easily one of many. With places and headings held, the cost is a sum over pairs of
-// functions of one number, their difference in height, and over users of the priors. These functions are
-// tabulated once; then coordinate descent on the tables, from many starts drawn from the priors, finds the
-// minima.
+// On level walks ranges observe the size of a height difference but not its sign: 0.3 m higher and 0.3 m
+// lower give the same ranges. With k users there are many such signs, and so many local optima. With
+// positions and yaws fixed, the cost is a sum over pairs of functions of one number, the height difference,
+// plus a sum over users of the height priors. The functions are tabulated once; coordinate descent on the
+// tables, from many starts drawn from the priors, finds the optima.
 #pragma once
 
 #include <vector>
@@ -21,18 +20,19 @@ struct HeightPair {
 };
 
 struct HeightUser {
-  UserPose pose;  // where it is held; its frame_height is where the search begins
-  double sigma;   // m, of its height about the level that all share
-  bool free;      // whether its height is sought; or else it is held too
-  bool present;   // whether it takes part at all
+  UserPose pose;  // fixed, except frame_height, which is the start of the search
+  double sigma;   // m, 1 sigma of its height about the common mean height
+  bool free;      // whether its height is a variable
+  bool present;   // whether it has ranges
 };
 
 struct Heights {
   Column height;  // m, of each user
-  double cost;    // sum of losses and priors, to within the tables' step
+  double cost;    // negative log likelihood: losses and priors, at the tables' resolution
 };
 
-// The minima whose cost is at most `most_above` above the best one's, best first, at most `most` of them.
+// The local optima whose cost is at most `most_above` above the best one's, best first, at most `most` of
+// them.
 std::vector<Heights> search_heights(const std::vector<HeightUser>& users,
                                     const std::vector<HeightPair>& pairs, const LossKind& loss,
                                     double most_above, int most);

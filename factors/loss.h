@@ -1,8 +1,8 @@
-// Robust losses of a whitened residual: e = (predicted - measured) / sigma, so a late signal has e < 0.
+// Robust losses of a whitened residual: e = (predicted - measured) / sigma, so an NLOS range has e < 0.
 //
-// Each is a policy with operator()(e, range) -> {rho, weight}: the cost, e^2 / 2 near 0, and the weight
-// rho'(e) / e that iteratively reweighted least squares gives the row (Zhang 1997, "Parameter estimation
-// techniques", table 1). Annealed by mu >= 1 (graduated non-convexity: Black and Rangarajan 1996; Yang et
+// Each is a policy with operator()(e, range) -> {rho, weight, curvature}: the cost, e^2 / 2 near 0, the
+// weight rho'(e) / e of iteratively reweighted least squares (Zhang 1997, "Parameter estimation techniques",
+// table 1), and rho''(e). Annealed by mu >= 1 (graduated non-convexity: Black and Rangarajan 1996; Yang et
 // al., RA-L 2020) a loss is mu^2 rho(e / mu): the same parabola at 0, wider.
 #pragma once
 
@@ -15,19 +15,19 @@ namespace synchronizar {
 struct LossValue {
   double rho;        // the cost
   double weight;     // rho'(e) / e
-  double curvature;  // rho''(e); negative where a loss gives up on a range
+  double curvature;  // rho''(e); negative where the loss redescends
 };
 
-// What a quadratic model of the cost takes for the root of rho'': never less than a tenth of the weight, so
-// that the model stays definite.
+// The root of rho'' in the quadratic model of the cost: rho'' is at least a tenth of the weight there, which
+// keeps the model positive semidefinite.
 inline double curvature_root(const LossValue& value) {
   return std::sqrt(std::max(value.curvature, 0.1 * value.weight));
 }
 
-// What a loss may know of a range besides its residual.
+// Properties of a range that a loss may depend on besides its residual.
 struct RangeTraits {
   double sigma;      // m
-  double nlos_odds;  // P(late) / P(not late), before its residual is known
+  double nlos_odds;  // prior odds P(NLOS) / P(not NLOS), before the residual is known
 };
 
 struct Squared {
@@ -60,18 +60,19 @@ struct GemanMcClure {
   }
 };
 
-// A signal that is late adds length and never takes any away. The range is either honest, N(0, sigma), or
-// late by a length l > 0 with the density of a half Cauchy of `scale`, 2 / (pi scale (1 + (l / scale)^2)):
-// heavy, because nobody knows how long a detour is. What is too short is garbage, and rare: `early_odds`.
-// With the ratio of the two densities at 0
+// Mixture of line-of-sight and NLOS ranges. An NLOS signal only adds length: the range is either
+// line-of-sight with an error N(0, sigma), or NLOS with an extra length l > 0 that has the density of a half
+// Cauchy of `scale`, 2 / (pi scale (1 + (l / scale)^2)), heavy-tailed because the length of detours is
+// unknown. Ranges that are too short have no physical cause and are rare: `early_odds`. With the ratio of the
+// two densities at 0
 //   a = odds sqrt(2 pi) (2 / pi) sigma / scale
 // the cost is the negative logarithm of the mixture over its value at 0,
 //   rho = -log((exp(-e^2 / 2) + a / (1 + (e sigma / scale)^2)) / (1 + a)),   a by the sign of e.
 struct NlosMixture {
   double scale;       // m
-  double early_odds;  // P(garbage that is too short) / P(honest)
+  double early_odds;  // P(too short) / P(line of sight)
 
-  // The ratio of both densities at e = 0.
+  // The ratio a of the two densities at e = 0, on the side of e.
   double background(double e, const RangeTraits& range) const {
     constexpr double kDensities = 1.5957691216057308;  // sqrt(2 pi) 2 / pi
     return kDensities * (e < 0.0 ? range.nlos_odds : early_odds) * range.sigma / scale;
@@ -79,18 +80,18 @@ struct NlosMixture {
 
   LossValue operator()(double e, const RangeTraits& range) const {
     const double a = background(e, range);
-    if (a == 0.0) return Squared{}(e, range);  // the mixture is the honest density, which underflows far out
+    if (a == 0.0) return Squared{}(e, range);  // pure Gaussian; the mixture's density underflows far out
     const double s2 = range.sigma * range.sigma / (scale * scale);
     const double tail = 1.0 / (1.0 + e * e * s2);
     const double inlier = std::exp(-0.5 * e * e);
     const double odd = a * tail;
     const double density = inlier + odd;
     const double weight = (inlier + 2.0 * s2 * tail * odd) / density;
-    const double bend = (inlier + 8.0 * s2 * s2 * tail * tail * odd) / density;
-    return {std::log((1.0 + a) / density), weight, weight + e * e * (weight * weight - bend)};
+    const double curvature_term = (inlier + 8.0 * s2 * s2 * tail * tail * odd) / density;
+    return {std::log((1.0 + a) / density), weight, weight + e * e * (weight * weight - curvature_term)};
   }
 
-  // The probability that the range is honest, given its residual.
+  // The probability that the range is line-of-sight, given its residual.
   double inlier_probability(double e, const RangeTraits& range) const {
     const double s = range.sigma / scale;
     const double odd = background(e, range) / (1.0 + e * e * s * s);
@@ -102,7 +103,7 @@ struct NlosMixture {
 
 using LossKind = std::variant<Squared, Huber, Cauchy, GemanMcClure, NlosMixture>;
 
-// A loss and how far it is annealed.
+// A loss and its annealing mu >= 1.
 struct Loss {
   LossKind kind;
   double annealing = 1.0;

@@ -6,13 +6,13 @@
 namespace synchronizar {
 namespace {
 
-constexpr double kLeast = 1e-12;  // keeps a chain of impossible ranges from dividing by zero
+constexpr double kLeast = 1e-12;  // lower bound of likelihoods, against division by zero
 constexpr int kLengths = 24;
 
-// Floats: the probabilities need no more, and a chain may be a million ranges long.
+// Floats are precise enough for probabilities, and a chain may be a million ranges long.
 using Lengths = Eigen::Array<float, kLengths, 1>;
 
-// The ladder of lengths, in units of the loss's scale: even steps at first, then ever larger ones.
+// The ladder of extra lengths, in units of the loss's scale: even steps at first, then growing ones.
 struct Ladder {
   Lengths length, variance, prior;
 
@@ -47,7 +47,7 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
   const double rate = 1.0 / (bursts.mean_duration * (1.0 - share));
   const double typical_odds = share / (1.0 - share);
 
-  // How likely each range's residual is, over the density of an honest one at 0.
+  // Likelihoods of each range's residual, over the density of a line-of-sight one at 0.
   const auto emission = [&](Eigen::Index k) {
     const double e = whitened[k], s = sigma[k] / loss.scale;
     Emission out;
@@ -69,7 +69,7 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
                 static_cast<float>(bursts.keeps_length * std::exp(-dt / bursts.mean_duration))};
   };
 
-  // Forward: what is expected of each range by those before it.
+  // Forward: the state probabilities of each range given those before it.
   Eigen::Array<float, 1 + kLengths, Eigen::Dynamic> ahead(1 + kLengths, n);
   BurstOdds out{Column(n), 0.0};
   auto inlier = static_cast<float>(1.0 - share);
@@ -95,12 +95,12 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
     nlos /= sum;
   }
 
-  // Backward: how likely those after a range are, given what it is.
+  // Backward: the likelihood of the ranges after each one, given its state.
   float after_inlier = 1.0F;
   Lengths after_nlos = Lengths::Ones();
   for (Eigen::Index k = n - 1; k >= 0; --k) {
     const Emission here = emission(k);
-    // What is honest by its neighbours alone: its own residual is for the loss to judge.
+    // Line of sight by its neighbours alone: the range's own residual enters by the loss.
     const double is_inlier = static_cast<double>(ahead(0, k)) * after_inlier;
     const double is_nlos = (ahead.col(k).tail<kLengths>() * here.nlos * after_nlos).sum();
     const double s2 = std::pow(sigma[k] / loss.scale, 2), e = whitened[k];

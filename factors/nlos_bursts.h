@@ -1,17 +1,16 @@
-// Late signals come in bursts: whoever stands in the way stays there for a while, and the detour changes
-// little meanwhile.
+// NLOS ranges come in bursts: an obstacle blocks the line of sight for a while, and the extra length of the
+// detour changes little in that time.
 //
-// Each range of a pair is honest or late by one of a ladder of lengths l_m, and what it is changes in time as
-// a Markov chain (hidden Markov model; Rabiner, Proc. IEEE 1989). A line of sight that is blocked stays so
-// for `mean_duration` s on average, and in the long run a share pi of the time; over a gap dt
+// A hidden Markov model (Rabiner, Proc. IEEE 1989): each range of a pair is line-of-sight (LOS), or NLOS with
+// one of a ladder of extra lengths l_m. A blocked line of sight stays blocked for `mean_duration` s on
+// average, and in the long run it is blocked for a share pi of the time; over a gap dt
 //
-//   P(late | late) = pi + (1 - pi) exp(-r dt),   P(late | honest) = pi (1 - exp(-r dt)),   r = 1 /
-//   (mean_duration (1 - pi))
+//   P(NLOS | NLOS) = pi + (1 - pi) exp(-r dt),   P(NLOS | LOS) = pi (1 - exp(-r dt)),
+//   r = 1 / (mean_duration (1 - pi))
 //
-// The length of the detour is kept with probability `keeps_length` exp(-dt / mean_duration), or else drawn
-// anew from the half Cauchy of the loss NlosMixture, so that detours which have nothing to do with each other
-// are no surprise either. The forward and the backward recursion give the probability that each range is
-// late, all others considered.
+// The extra length is kept with probability `keeps_length` exp(-dt / mean_duration), or else drawn from the
+// half Cauchy of the loss NlosMixture, so that unrelated detours are possible too. The forward and the
+// backward recursion give the probability that each range is NLOS, given all others.
 #pragma once
 
 #include "factors/loss.h"
@@ -27,14 +26,14 @@ struct Bursts {
 };
 
 struct BurstOdds {
-  // The odds to put in place of each range's own `nlos_odds` in the loss NlosMixture: with them it finds the
-  // range late with the probability that the chain gives, at this residual.
+  // Odds that replace each range's own `nlos_odds` in the loss NlosMixture: with them the loss gives the
+  // range the chain's probability of NLOS at this residual.
   Column nlos_odds;
-  double cost;  // negative log likelihood of the whole chain; about 0 for honest ranges without residual
+  double cost;  // negative log likelihood of the whole chain; about 0 for LOS ranges without residual
 };
 
-// `t` are the stamps (s), sorted; `whitened` the residuals (predicted - measured) / sigma; `nlos_odds` what
-// is known of each range besides time and residual (from its power, say).
+// `t` are the stamps (s), sorted; `whitened` the residuals (predicted - measured) / sigma; `nlos_odds` the
+// prior odds of each range by itself (from its power, for instance).
 BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column& sigma,
                           const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts);
 

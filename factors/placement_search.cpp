@@ -15,17 +15,16 @@ using std::size_t;
 
 constexpr double kPi = 3.141592653589793;
 constexpr int kCoarseRanges = 64;     // ranges that score a point of the grid
-constexpr int kPairs = 32;            // pairs of ranges that meet, at each yaw and height
-constexpr int kBestOfYaw = 4;         // points that a yaw and height hand on
-constexpr int kCorners = 8;           // antennas by which two placements are told apart
-constexpr int kMostHeights = 40;      // to either side
-constexpr double kHeightStep = 0.75;  // m, of the grid over heights that the prior leaves open
+constexpr int kPairs = 32;            // pairs of ranges whose spheres are intersected at each yaw and height
+constexpr int kBestOfYaw = 4;         // points kept at each yaw and height
+constexpr int kExtentPoints = 8;      // antennas by which placements are compared
+constexpr int kMostHeights = 40;      // above 0, and below
+constexpr double kHeightStep = 0.75;  // m, of the grid over heights within the prior
 
 constexpr double kWide = 8.0;  // sigmas: the scale of the first refinement's loss
 constexpr int kWideSteps = 5;
 constexpr int kSteps = 10;
-constexpr double kInQuestion =
-    4.0;  // how much worse than `most_cost_above` a start may be after the first refinement
+constexpr double kInQuestion = 4.0;  // times `most_cost_above`, kept after the first refinement
 constexpr int kLeastYaws = 36;
 constexpr int kMostYaws = 360;
 
@@ -53,19 +52,19 @@ struct Scored {
   double x, y, z, yaw, score;
 };
 
-// Sorts the candidates by `key`, best first, and keeps the best few that lie apart: placements that put no
-// antenna of `corners` further than `distance` (m) from where a better one puts it are the same.
+// Sorts the candidates by `key`, best first, and keeps the best distinct ones, at most `at_most`: a candidate
+// whose `extent` points are all within `distance` (m) of a better one's is the same.
 template <class Candidate, class Key>
-void keep_apart(std::vector<Candidate>& candidates, const Points& corners, double distance, size_t at_most,
-                Key key) {
+void keep_distinct(std::vector<Candidate>& candidates, const Points& extent, double distance, size_t at_most,
+                   Key key) {
   std::sort(candidates.begin(), candidates.end(),
             [&](const Candidate& a, const Candidate& b) { return key(a) < key(b); });
   std::vector<Candidate> kept;
   std::vector<Points> places;
-  Points place(corners.rows(), 3);
+  Points place(extent.rows(), 3);
   for (const Candidate& c : candidates) {
     const CommonFromLocal common_from_user({c.x, c.y, c.yaw, c.z});
-    for (Eigen::Index n = 0; n < corners.rows(); ++n) place.row(n) = common_from_user(corners.row(n));
+    for (Eigen::Index n = 0; n < extent.rows(); ++n) place.row(n) = common_from_user(extent.row(n));
     const bool is_new = std::none_of(places.begin(), places.end(), [&](const Points& other) {
       return (place - other).rowwise().squaredNorm().maxCoeff() < distance * distance;
     });
@@ -77,7 +76,7 @@ void keep_apart(std::vector<Candidate>& candidates, const Points& corners, doubl
   candidates = std::move(kept);
 }
 
-// The same at one yaw and height, where all antennas move alike.
+// The same at one yaw and height, where all antennas move alike: compares origins.
 void keep_best_of_yaw(std::vector<Scored>& candidates, double distance) {
   std::sort(candidates.begin(), candidates.end(),
             [](const Scored& a, const Scored& b) { return a.score < b.score; });
@@ -94,7 +93,7 @@ void keep_best_of_yaw(std::vector<Scored>& candidates, double distance) {
   candidates.resize(kept);
 }
 
-// The ranges that score the grid, as arrays of floats: a grid point is only a start.
+// The ranges that score the grid, as arrays of floats, which are precise enough for a start.
 struct Coarse {
   FloatArray cx, cy, cz, qx, qy, qz, d;
   FloatArray mx, my, mz, dz2;  // centres of the spheres at this yaw, and (z - mz)^2 at this height
@@ -129,8 +128,8 @@ struct Coarse {
     return (e2 / (e2 + scale * scale)).sum();
   }
 
-  // The points at the set yaw and height that are on the spheres of both ranges a and b; where these do not
-  // meet, the point of the line through their centres that is nearest to both.
+  // The two intersections of the spheres of ranges a and b at the set yaw and height; where these do not
+  // meet, the point on the line through their centres that is nearest to both.
   std::array<std::array<float, 2>, 2> meet(int a, int b, int turn) const {
     const auto circle = [&](int n) { return std::sqrt(std::max(d[n] * d[n] - dz2[n], 0.0F)); };
     const float ra = circle(a), rb = circle(b);
@@ -151,7 +150,7 @@ struct Coarse {
   }
 };
 
-// The heights that the prior leaves open, from the most likely outwards.
+// Heights within 2 sigma of the prior, the most likely first.
 std::vector<double> heights(double sigma, double longest_range) {
   std::vector<double> out{0.0};
   const double reach = std::min(2.0 * sigma, longest_range);
@@ -163,7 +162,7 @@ std::vector<double> heights(double sigma, double longest_range) {
   return out;
 }
 
-std::vector<Scored> search_grid(const Problem& p, const Points& corners) {
+std::vector<Scored> search_grid(const Problem& p, const Points& extent) {
   const std::vector<int> pick = even_selection(static_cast<int>(p.measured.size()), kCoarseRanges);
   Coarse ranges(p, pick);
   const int n = static_cast<int>(pick.size());
@@ -171,7 +170,8 @@ std::vector<Scored> search_grid(const Problem& p, const Points& corners) {
   const double reach = std::sqrt(static_cast<double>(
       ((ranges.qx - ranges.qx.mean()).square() + (ranges.qy - ranges.qy.mean()).square()).mean()));
   const double noise = p.sigma.mean();
-  // The grid's own error, half a step at the typical antenna, should not exceed what the score forgives.
+  // The yaw step is such that the grid's error, half a step at the rms antenna, is below the scale of the
+  // score.
   const int yaws = p.options.has_yaw ? std::clamp(static_cast<int>(std::ceil(kPi * reach / (3.0 * noise))),
                                                   kLeastYaws, kMostYaws)
                                      : 1;
@@ -203,8 +203,8 @@ std::vector<Scored> search_grid(const Problem& p, const Points& corners) {
       found.insert(found.end(), here.begin(), here.end());
     }
   }
-  keep_apart(found, corners, 2.0 * scale, static_cast<size_t>(p.options.most_candidates),
-             [](const Scored& s) { return s.score; });
+  keep_distinct(found, extent, 2.0 * scale, static_cast<size_t>(p.options.most_candidates),
+                [](const Scored& s) { return s.score; });
   return found;
 }
 
@@ -223,17 +223,17 @@ double cost(const Problem& p, const Kind& loss, const Placement& at, const std::
   return sum;
 }
 
-// Levenberg-Marquardt on (x, y, z, yaw), the turn being about the middle of the user's own antennas, where it
-// is least coupled with the shift.
+// Levenberg-Marquardt on (x, y, z, yaw), with yaw about `centroid`, the mean of the extent points, where it
+// is least coupled with the position.
 template <class Kind>
-void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, const Vector3& middle,
+void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, const Vector3& centroid,
             int steps, Placement& at) {
-  constexpr double kGain = 1e-3;  // of the cost: less is not worth another step
+  constexpr double kGain = 1e-3;  // of the cost: stops at a smaller gain
   double damping = 1e-3;
   at.cost = cost(p, loss, at, pick);
   for (int step = 0; step < steps; ++step) {
     const CommonFromLocal common_from_user({at.x, at.y, at.yaw, at.z});
-    const Vector3 pivot = common_from_user(middle);
+    const Vector3 pivot = common_from_user(centroid);
     Eigen::Matrix4d H = Eigen::Matrix4d::Zero();
     Eigen::Vector4d g = Eigen::Vector4d::Zero();
     const double height_weight = 1.0 / (p.options.height_sigma * p.options.height_sigma);
@@ -257,7 +257,7 @@ void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, co
       damped.diagonal().array() += 1e-9;
       const Eigen::Vector4d delta = -damped.ldlt().solve(g);
       Placement next{0.0, 0.0, 0.0, at.yaw + delta[3], 0.0};
-      const Vector3 origin = pivot + delta.head<3>() - CommonFromLocal({0.0, 0.0, next.yaw, 0.0})(middle);
+      const Vector3 origin = pivot + delta.head<3>() - CommonFromLocal({0.0, 0.0, next.yaw, 0.0})(centroid);
       next.x = origin.x();
       next.y = origin.y();
       next.z = origin.z();
@@ -284,35 +284,35 @@ std::vector<Placement> search_placements(const Points& known, const Points& own,
   const Problem p{known, own, measured, sigma, nlos_odds, options};
   const int n = static_cast<int>(measured.size());
 
-  const std::vector<int> corner_rows = even_selection(n, kCorners);
-  Points corners(static_cast<Eigen::Index>(corner_rows.size()), 3);
-  for (size_t k = 0; k < corner_rows.size(); ++k)
-    corners.row(static_cast<Eigen::Index>(k)) = own.row(corner_rows[k]);
-  const Vector3 middle = corners.colwise().mean();
+  const std::vector<int> extent_rows = even_selection(n, kExtentPoints);
+  Points extent(static_cast<Eigen::Index>(extent_rows.size()), 3);
+  for (size_t k = 0; k < extent_rows.size(); ++k)
+    extent.row(static_cast<Eigen::Index>(k)) = own.row(extent_rows[k]);
+  const Vector3 centroid = extent.colwise().mean();
 
   std::vector<Placement> found;
-  for (const Scored& start : search_grid(p, corners)) {
+  for (const Scored& start : search_grid(p, extent)) {
     found.push_back({start.x, start.y, start.z, start.yaw, 0.0});
   }
   const auto by_cost = [](const Placement& c) { return c.cost; };
-  // Leaves out what is the same as a better one, or more than `above` worse than the best.
+  // Leaves out duplicates of better ones, and costs more than `above` over the best.
   const auto keep_good = [&](double above) {
-    keep_apart(found, corners, options.apart, found.size(), by_cost);
+    keep_distinct(found, extent, options.apart, found.size(), by_cost);
     const double most = found.front().cost + above;
     found.erase(std::find_if(found.begin(), found.end(), [&](const Placement& c) { return c.cost > most; }),
                 found.end());
   };
 
-  // First a few steps under a wide loss that is cheap, for all; then the true one, for those it leaves in
-  // question.
+  // First a few steps under a wide, cheap loss for all; then the given loss for those not excluded by their
+  // cost.
   const std::vector<int> few = even_selection(n, kCoarseRanges);
   const std::vector<int> pick = even_selection(n, options.most_ranges);
   for (Placement& at : found) {
-    refine(p, GemanMcClure{kWide}, few, middle, kWideSteps, at);
+    refine(p, GemanMcClure{kWide}, few, centroid, kWideSteps, at);
     at.cost = cost(p, options.loss, at, pick);
   }
   keep_good(kInQuestion * options.most_cost_above);
-  for (Placement& at : found) refine(p, options.loss, pick, middle, kSteps, at);
+  for (Placement& at : found) refine(p, options.loss, pick, centroid, kSteps, at);
 
   const std::vector<int> all = even_selection(n, n);
   for (Placement& at : found) {

@@ -1,16 +1,16 @@
-// Where can a user's frame lie, given ranges from its antennas to points whose place is known?
+// Global search for a user's frame, given ranges from its antennas to points of known position.
 //
-// The four unknowns (x, y, z, yaw) are searched over the whole of their space, so that no start has to be
-// lucky. At a fixed yaw each range says that the frame's origin t lies on a sphere,
+// The four unknowns (x, y, z, yaw) are searched over their whole space; no start is needed. At a fixed yaw
+// each range puts the frame's origin t on a sphere,
 //
 //   |t - m_n| = d_n,   m_n = c_n - Rz(yaw) q_n,
 //
-// and any two spheres, at a fixed height, meet in at most two points: every yaw of a grid gives the meeting
-// points of a few dozen pairs of ranges (late signals spoil some pairs, never all), each is scored against
-// all ranges by a loss that nothing late can dominate, and the best that lie apart are refined under the
-// annealed loss. The trilateration of squared ranges (Beck, Stoica and Li, IEEE TSP 2008) is globally
-// solvable too, but least squares of squared ranges has no defence against late ones, and gives one minimum
-// where a mirror image is as good.
+// and at a fixed height two spheres meet in at most two points. For every yaw of a grid, the meeting points
+// of a few dozen pairs of ranges are candidates (NLOS ranges spoil some pairs only); each is scored against
+// many ranges by a bounded loss, and the best distinct ones are refined, first under a wide loss.
+// Trilateration of squared ranges (Beck, Stoica and Li, IEEE TSP 2008) has a global solution too, but it is
+// least squares, which is not robust to NLOS ranges, and it returns one optimum where a mirror image is as
+// good.
 #pragma once
 
 #include <vector>
@@ -21,23 +21,23 @@
 namespace synchronizar {
 
 struct SearchOptions {
-  double height_sigma;     // m, of the user's origin about 0
-  bool has_yaw;            // false for a radio whose only point is its origin
-  NlosMixture loss;        // what the ranges' errors are like
-  double apart;            // m: placements that move no antenna by more are the same
-  int most_candidates;     // refined ones
-  int most_ranges;         // beyond, an even selection is searched; the cost is always that of all
-  double most_cost_above;  // candidates whose cost is that much above the best one's are left out
+  double height_sigma;     // m, 1 sigma of the origin's height about 0
+  bool has_yaw;            // false for a static radio, whose only point is its origin
+  NlosMixture loss;        // of the ranges
+  double apart;            // m: frames that move no antenna by as much are the same
+  int most_candidates;     // that are refined
+  int most_ranges;         // of more, an even selection is searched; final costs are those of all
+  double most_cost_above;  // candidates whose cost is further above the best one's are left out
 };
 
 struct Placement {
   double x, y, z, yaw;  // common_from_user
-  double cost;          // sum of losses of all ranges, plus the height prior's
+  double cost;          // negative log likelihood: losses of all ranges and the height prior
 };
 
-// All placements of the user that explain the ranges, best first; at least one. `known` N points c_n in the
-// common frame, `own` the user's antennas q_n in its own frame, N distances, sigmas and odds of being late. N
-// >= 1.
+// All placements of the user that explain the ranges, best first; at least one. `known` are N >= 1 points c_n
+// (m) in the common frame, `own` the user's antennas q_n (m) in its own frame; N distances (m), sigmas (m)
+// and NLOS odds.
 std::vector<Placement> search_placements(const Points& known, const Points& own, const Column& measured,
                                          const Column& sigma, const Column& nlos_odds,
                                          const SearchOptions& options);

@@ -1,7 +1,7 @@
 // One range between two antennas of two users, with hand-derived Jacobians.
 //
-// A user's antenna lies at o in the frame of one of its keyframe poses (X, Z), and that frame's user at (F,
-// H):
+// A user's antenna lies at o in the axes of one of its keyframe poses (X, Z), which is a pose in the user's
+// own frame (F, H):
 //
 //   q = F (X o_xy),  H + Z + o_z          F = (f, phi), X = (x, chi) in SE(2);  H, Z heights
 //
@@ -14,8 +14,8 @@
 //
 // and that of user j the negative. Every entry is linear in the four numbers (e_x, e_y, e_z, tau) with
 // tau = e_xy' J q_i = e_xy' J q_j, the moment of the line through both antennas about the origin: the moment
-// is the same because q_i - q_j lies along e. Whatever two users' variables are, a range has no more to say
-// than its line, and range_block squeezes many ranges to five rows because of it.
+// is the same because q_i - q_j lies along e. So the Jacobians of all ranges between two users are linear
+// maps of these four numbers, and range_block reduces many ranges to five rows.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,15 +25,14 @@ namespace synchronizar {
 
 using Vector3 = Eigen::Vector3d;
 
-// What places a user's antennas in the common frame: its frame (F, H) and one of its keyframe poses (X, Z).
-// Lengths m, angles rad. Where SLAM's poses are trusted as they are, (X, Z) stays the identity and o is the
-// antenna in the user's own frame.
+// common_from_local of a user: its frame (F, H) and one of its keyframe poses (X, Z). Lengths m, angles rad.
+// Where SLAM's poses are no variables, (X, Z) is the identity and o is the antenna in the user's own frame.
 struct UserPose {
   double frame_x = 0.0, frame_y = 0.0, frame_yaw = 0.0, frame_height = 0.0;
   double local_x = 0.0, local_y = 0.0, local_yaw = 0.0, local_height = 0.0;
 };
 
-// A UserPose made ready for many antennas: q = R(yaw) o + origin.
+// The transform of a UserPose, for many antennas: q = R(yaw) o + origin.
 struct CommonFromLocal {
   double cos_yaw, sin_yaw;
   Vector3 origin;
@@ -54,8 +53,8 @@ struct CommonFromLocal {
 };
 
 // The line through two antennas: unit direction from j to i, its moment about the origin, and the distance.
-// Antennas that coincide have no line; the row is zero then, which is the one subgradient of the norm that
-// does not depend on who is called i.
+// Antennas that coincide have no line; the row is zero then, the only subgradient of the norm that does not
+// depend on which user is i.
 struct Line {
   Vector3 direction = Vector3::Zero();
   double moment = 0.0;
@@ -74,8 +73,8 @@ struct Line {
     return Eigen::Vector4d(direction.x(), direction.y(), direction.z(), moment);
   }
 
-  // What the line's own bending adds to a cost's second derivative in the difference in height, where the
-  // cost has this slope in the distance.
+  // Second derivative of a cost in the height difference by the curvature of the distance d, where the cost
+  // has this slope in d: slope (1 - e_z^2) / d.
   double height_curvature(double slope) const {
     const double level = 1.0 - direction.z() * direction.z();
     return distance > 0.0 ? slope * level / distance : 0.0;

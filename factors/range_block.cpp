@@ -72,7 +72,7 @@ Column RangeBlock::height_profile(const UserPose& i, const UserPose& j, const Lo
 
 RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose& j, const Loss& loss) const {
   Squeeze<kRows> rows;
-  double bends = 0.0;
+  double height_information = 0.0;
   std::visit(
       [&](const auto& kind) {
         for_each_line(i, j, [&](Eigen::Index n, const Line& line) {
@@ -84,11 +84,11 @@ RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose
           auto row = rows.next();
           row.template head<4>() = root / sigma_[n] * line.coordinates().transpose();
           row[4] = slope / root;
-          bends += line.height_curvature(slope / sigma_[n]);
+          height_information += line.height_curvature(slope / sigma_[n]);
         });
       },
       loss.kind);
-  if (bends > 0.0) rows.next()[2] = std::sqrt(bends);
+  if (height_information > 0.0) rows.next()[2] = std::sqrt(height_information);
   const auto triangle = rows.triangle();
   SquareRoot out;
   out.leftCols<kUserColumns>() = triangle.leftCols<4>() * line_to_user(i);

@@ -1,5 +1,5 @@
-// Any number of rows [A b] squeezed to a triangle with the same A' A and A' b: a QR in chunks, so that memory
-// stays bounded and no normal equations are formed.
+// Reduces any number of rows [A b] to a triangle with the same A' A and A' b, by a QR in chunks: memory is
+// bounded and no normal equations are formed.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,7 +16,7 @@ class Squeeze {
     rows_.template topRows<kColumns>().setZero();
   }
 
-  // The next row, zeros, to be filled in.
+  // The next row, set to zero, for the caller to fill in.
   auto next() {
     if (filled_ == rows_.rows()) squeeze();
     rows_.row(filled_).setZero();
@@ -40,7 +40,7 @@ class Squeeze {
     filled_ = kColumns;
   }
 
-  // The triangle of what came before is stacked on top of each chunk.
+  // The triangle of all earlier rows, on top of the current chunk.
   Rows rows_;
   Eigen::Index filled_ = kColumns;
 };

@@ -1,9 +1,12 @@
-"""The C++ core: ranges evaluated by the million (factors/). Lengths m, angles rad; errors are ValueError."""
+"""The C++ core (factors/): range residuals, Jacobians, losses and searches. Lengths m, angles rad.
+
+Bad arguments raise ValueError. Odds are P(NLOS) / P(not NLOS).
+"""
 
 from synchronizar.arrays import Array, Mask
 
 class UserPose:
-    """What places a user's antennas in the common frame: its frame (F, H) and a keyframe pose (X, Z) within it."""
+    """common_from_local of a user: its frame (F, H) and one of its keyframe poses (X, Z) in that frame."""
 
     def __init__(
         self,
@@ -39,7 +42,7 @@ class GemanMcClure(_Loss):
     def k(self) -> float: ...
 
 class NlosMixture(_Loss):
-    """Honest, or late by a detour of about `scale` m; too short only by garbage, with odds `early_odds`."""
+    """Line-of-sight, or NLOS with a half-Cauchy extra length of scale `scale` m; too short with odds `early_odds`."""
 
     def __init__(self, scale: float, early_odds: float) -> None: ...
     @property
@@ -53,94 +56,96 @@ class RangeBlock:
     """n ranges between the antennas of the same two users, evaluated in one call."""
 
     def __init__(self, o_i: Array, o_j: Array, measured: Array, sigma: Array, nlos_odds: Array) -> None:
-        """Antennas (n, 3), each in its user's local frame; distances, sigmas and odds of being late (n,)."""
+        """Antennas (n, 3) m, each in its user's local frame; distances (m), sigmas (m) and NLOS odds (n,)."""
 
     def __len__(self) -> int: ...
     def residuals(self, i: UserPose, j: UserPose) -> Array:
-        """(n,) predicted minus measured."""
+        """(n,) m, predicted minus measured."""
 
     def cost(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> float:
-        """The sum of the losses."""
+        """Negative log likelihood: the sum of the losses."""
 
     def square_root(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:
-        """(5, 17): rows over i's F (3), H, X (3), Z, then j's, then the residual.
+        """(5, 17) square-root information [A b]: columns of i's F (3), H, X (3), Z, then j's, then the residual.
 
-        A quadratic model of the cost: its gradient is exact (factors/range_block.h).
+        A quadratic model of the cost with the exact gradient A' b (factors/range_block.h).
         """
 
     def height_curvature(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> float:
-        """1/m^2: what the ranges' own bending adds to the cost's second derivative in the difference in height."""
+        """1/m^2: second derivative of the cost in the height difference by the curvature of the distances."""
 
     def weights(self, i: UserPose, j: UserPose, loss: Loss, annealing: float = 1.0) -> Array:
-        """(n,) the weight that the loss gives each range, without 1 / sigma^2."""
+        """(n,) weight rho'(e) / e that the loss gives each range, without 1 / sigma^2."""
 
     def with_nlos_odds(self, nlos_odds: Array) -> RangeBlock:
-        """The same ranges with other odds (n,) of being late."""
+        """The same ranges with other NLOS odds (n,)."""
 
     def inlier_probability(self, i: UserPose, j: UserPose, loss: NlosMixture) -> Array:
-        """(n,) the probability that each range is honest, given its residual."""
+        """(n,) the probability that each range is line-of-sight, given its residual."""
 
 class Calibration:
-    """What is wrong with a device: log of its scale, its radio's bias (m), its clock (s) beyond what is assumed."""
+    """Calibration of a device: log scale, radio bias (m), clock offset (s) minus the assumed one."""
 
     def __init__(self, log_scale: float = 0.0, range_bias: float = 0.0, clock_offset: float = 0.0) -> None: ...
 
 Antennas = tuple[Array, Array, Array]
-"""(n, 3) each, in the axes of a keyframe: offset from it in SLAM's lengths, lever arm (m), velocity (m/s)."""
+"""(n, 3) each, in the axes of a keyframe: offset from it (SLAM units), lever arm (m), velocity (m/s)."""
 
 class CalibratedRangeBlock:
-    """n ranges between the same two keyframes of two devices that are not perfect (factors/device_range.h)."""
+    """n ranges between the same two keyframes of two devices with calibrations (factors/calibrated_range.h)."""
 
     def __init__(
         self, i: Antennas, j: Antennas, measured: Array, sigma: Array, nlos_odds: Array, range_weight: Array
     ) -> None:
-        """Distances, sigmas, odds of being late (n,), and as how many ranges each one counts."""
+        """(n,) each: distances (m), sigmas (m), NLOS odds, and the number of independent ranges that each counts as."""
 
     def __len__(self) -> int: ...
-    def residuals(self, pose_i: UserPose, device_i: Calibration, pose_j: UserPose, device_j: Calibration) -> Array:
-        """(n,) predicted minus measured."""
+    def residuals(
+        self, pose_i: UserPose, calibration_i: Calibration, pose_j: UserPose, calibration_j: Calibration
+    ) -> Array:
+        """(n,) m, predicted minus measured."""
 
     def cost(
         self,
         pose_i: UserPose,
-        device_i: Calibration,
+        calibration_i: Calibration,
         pose_j: UserPose,
-        device_j: Calibration,
+        calibration_j: Calibration,
         loss: Loss,
         annealing: float = 1.0,
     ) -> float:
-        """The sum of the losses, each as often as it is worth."""
+        """Negative log likelihood: the sum of the losses times the range weights."""
 
     def square_root(
         self,
         pose_i: UserPose,
-        device_i: Calibration,
+        calibration_i: Calibration,
         pose_j: UserPose,
-        device_j: Calibration,
+        calibration_j: Calibration,
         loss: Loss,
         annealing: float = 1.0,
         height_curvature: float | None = None,
     ) -> Array:
-        """(10, 23): rows over i's F (3), H, X (3), Z, log scale, bias, clock, then j's, then the residual.
+        """(10, 23) [A b]: columns of i's F (3), H, X (3), Z, log scale, bias, clock, then j's, then the residual.
 
-        `height_curvature` (1/m^2) stands for that of the block's own ranges in height (factors/device_block.h).
+        `height_curvature` (1/m^2) replaces the block's own (factors/calibrated_range_block.h).
         """
 
 def mixture_terms(whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture) -> tuple[Array, Array, Array]:
-    """(n,) each: cost, weight and probability of being honest of ranges with these residuals."""
+    """(n,) each: loss, weight and probability of line of sight of ranges with these whitened residuals."""
 
 class Bursts:
-    """How NLOS ranges follow each other (factors/nlos_bursts.h)."""
+    """Markov chain of NLOS ranges in time (factors/nlos_bursts.h)."""
 
     def __init__(self, share: float, mean_duration: float, keeps_length: float, fluctuation: float) -> None:
-        """Long-run share; mean duration (s); probability that a detour is kept; its relative fluctuation (1 sigma)."""
+        """NLOS share in the long run; mean duration (s); probability that a detour is kept; its relative 1 sigma."""
 
 def burst_nlos_odds(
     t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, bursts: Bursts
 ) -> tuple[Array, float]:
-    """(n,) odds of being late that each range's neighbours in time speak for, and the chain's negative log likelihood.
+    """(n,) NLOS odds of each range given its neighbours in time, and the chain's negative log likelihood.
 
-    `t` (n,) s, sorted; `whitened` (n,) residuals over sigma, predicted minus measured.
+    `t` (n,) s, sorted; `whitened` (n,) (predicted - measured) / sigma; `nlos_odds` (n,) prior odds of each by itself.
     """
 
 def search_heights(
@@ -152,14 +157,14 @@ def search_heights(
     most_above: float,
     most: int,
 ) -> list[tuple[Array, float]]:
-    """Every combination of heights (k,) m that explains the ranges, and its cost, best first; all else held.
+    """Local optima in the heights (k,) m of all users, and their costs, best first; positions and yaws are fixed.
 
-    `frames` (k, 4) x, y, z, yaw of each user; `sigma` (k,) m of its height about the level that all share; `free` (k,)
-    whose heights are sought; those of the others that are in a pair are held.
+    `frames` (k, 4) x, y, z, yaw of each user; `sigma` (k,) m of its height about the common mean height; `free` (k,)
+    whose heights are variables. At most `most` optima, whose costs are at most `most_above` above the best one's.
     """
 
 def range_residual(i: UserPose, o_i: Array, j: UserPose, o_j: Array, measured: float) -> tuple[float, Array]:
-    """One range: predicted minus measured, and its row (1, 16) over i's F, H, X, Z and j's."""
+    """One range: predicted minus measured (m), and its Jacobian (1, 16) by i's F, H, X, Z, then j's."""
 
 def search_placements(
     known: Array,
@@ -175,7 +180,8 @@ def search_placements(
     most_ranges: int,
     most_cost_above: float,
 ) -> Array:
-    """(m, 5) x, y, z, yaw, cost of every placement of a user that explains its ranges, best first.
+    """(m, 5) x, y, z (m), yaw (rad), cost of every common_from_user that explains a user's ranges, best first.
 
-    `known` (n, 3) antennas in the common frame, `own` (n, 3) the user's in its own frame.
+    `known` (n, 3) m antennas in the common frame, `own` (n, 3) m the user's in its own frame. Frames that move no
+    antenna by more than `apart` (m) are the same; their costs are at most `most_cost_above` above the best one's.
     """

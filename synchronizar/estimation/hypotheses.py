@@ -52,6 +52,8 @@ class Hypothesis(NamedTuple):
 
 
 class _Optimum(Protocol):
+    """A local optimum of the rigid or the full model."""
+
     @property
     def frames(self) -> Array:
         """(k, 4) x, y, z (m), yaw (rad)."""

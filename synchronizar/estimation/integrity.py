@@ -88,9 +88,9 @@ def nearness(best: Hypothesis, user: int, static: bool, extent: Array, parameter
     in_plane = parameters.integrity.largest_error / np.sqrt(-2.0 * np.log(parameters.integrity.wrong_share))
     in_line = normal.inv_cdf(1.0 - 0.5 * parameters.integrity.wrong_share)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
-    level, _ = _largest_spread(covariance, yaw, extent, [0, 1])
+    plane, _ = _largest_spread(covariance, yaw, extent, [0, 1])
     height, _ = _largest_spread(covariance, yaw, extent, [2])
-    ratios = [in_plane / max(level, _LEAST), parameters.integrity.largest_error / in_line / max(height, _LEAST)]
+    ratios = [in_plane / max(plane, _LEAST), parameters.integrity.largest_error / in_line / max(height, _LEAST)]
     if not static:
         ratios.append(parameters.integrity.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
     return float(min(ratios))
@@ -105,19 +105,19 @@ def _state(
     """
     in_plane, in_height, in_heading = _wrong_probabilities(best, user, extent, parameters)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
-    level, level_error = _largest_spread(covariance, yaw, extent, [0, 1])
+    plane, plane_error = _largest_spread(covariance, yaw, extent, [0, 1])
     height, height_error = _largest_spread(covariance, yaw, extent, [2])
     if not static and in_heading > wrong_share:
         direction = covariance[3] / np.linalg.norm(covariance[3])
         heading = np.sqrt(covariance[3, 3])
         return State.UNOBSERVABLE, f"its heading is known to {np.degrees(heading):.0f} deg only (1 sigma)", direction
     if in_plane > wrong_share:
-        where = np.degrees(np.arctan2(level_error[1], level_error[0])) % 180.0
-        reason = f"its place along {where:.0f} deg is known to {level:.2f} m only (1 sigma)"
-        return State.UNOBSERVABLE, reason, level_error
+        where = np.degrees(np.arctan2(plane_error[1], plane_error[0])) % 180.0
+        reason = f"its place along {where:.0f} deg is known to {plane:.2f} m only (1 sigma)"
+        return State.UNOBSERVABLE, reason, plane_error
     if in_height > wrong_share:
         return State.UNOBSERVABLE, f"its height is known to {height:.2f} m only (1 sigma)", height_error
-    return State.REGISTERED, f"its place is known to {max(level, height):.2f} m (1 sigma)", None
+    return State.REGISTERED, f"its place is known to {max(plane, height):.2f} m (1 sigma)", None
 
 
 def _wrong_probabilities(

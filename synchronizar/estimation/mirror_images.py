@@ -36,16 +36,16 @@ def reflections(measurements: RangeMeasurements, frames: Array, reference: int) 
     active_users = np.flatnonzero(~np.isnan(frames[:, 0]))
     for pivot in active_users.tolist():
         others = measurements[((measurements.i != pivot) & (measurements.j != pivot)).nonzero()[0].astype(np.int32)]
-        middle, direction = _line(measurements, frames, pivot)
-        left = set(active_users.tolist()) - {pivot}
-        while left:
-            part = set(connected(others, len(frames), min(left)))
-            left -= part
+        centroid, direction = _line(measurements, frames, pivot)
+        remaining = set(active_users.tolist()) - {pivot}
+        while remaining:
+            part = set(connected(others, len(frames), min(remaining)))
+            remaining -= part
             moved = part if reference not in part else set(active_users.tolist()) - part - {pivot}
             if moved:
                 reflected = frames.copy()
                 for u in moved:
-                    reflected[u] = _reflect(measurements, frames, u, middle, direction)
+                    reflected[u] = _reflect(measurements, frames, u, centroid, direction)
                 out.append(reflected)
     return out
 
@@ -58,28 +58,28 @@ def _own_places(measurements: RangeMeasurements, user: int) -> Array:
 def _own_line(measurements: RangeMeasurements, user: int) -> tuple[Array, float]:
     """Centroid (2,) m of a user's positions in its own frame and angle (rad) of their principal axis."""
     places = _own_places(measurements, user)
-    middle = places.mean(axis=0)
-    offset = places - middle
+    centroid = places.mean(axis=0)
+    offset = places - centroid
     angle = 0.5 * np.arctan2(2.0 * (offset[:, 0] * offset[:, 1]).sum(), (offset[:, 0] ** 2 - offset[:, 1] ** 2).sum())
-    return middle, float(angle)
+    return centroid, float(angle)
 
 
 def _line(measurements: RangeMeasurements, frames: Array, user: int) -> tuple[Array, float]:
     """Centroid (2,) m and angle (rad) of the principal axis in the common frame."""
-    middle, angle = _own_line(measurements, user)
+    centroid, angle = _own_line(measurements, user)
     x, y, _, yaw = frames[user]
     c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([x + c * middle[0] - s * middle[1], y + s * middle[0] + c * middle[1]]), float(angle + yaw)
+    return np.array([x + c * centroid[0] - s * centroid[1], y + s * centroid[0] + c * centroid[1]]), float(angle + yaw)
 
 
-def _reflect(measurements: RangeMeasurements, frames: Array, user: int, middle: Array, direction: float) -> Array:
-    """The frame (4,) of a user reflected in the line through `middle` (2,) in `direction` (rad)."""
-    own_middle, own_angle = _own_line(measurements, user)
-    its_middle, its_angle = _line(measurements, frames, user)
+def _reflect(measurements: RangeMeasurements, frames: Array, user: int, centroid: Array, direction: float) -> Array:
+    """The frame (4,) of a user reflected in the line through `centroid` (2,) in `direction` (rad)."""
+    own_centroid, own_angle = _own_line(measurements, user)
+    its_centroid, its_angle = _line(measurements, frames, user)
     c2, s2 = np.cos(2.0 * direction), np.sin(2.0 * direction)
-    offset = its_middle - middle
-    image = middle + np.array([c2 * offset[0] + s2 * offset[1], s2 * offset[0] - c2 * offset[1]])
+    offset = its_centroid - centroid
+    image = centroid + np.array([c2 * offset[0] + s2 * offset[1], s2 * offset[0] - c2 * offset[1]])
     yaw = 2.0 * direction - its_angle - own_angle
     c, s = np.cos(yaw), np.sin(yaw)
-    origin = image - np.array([c * own_middle[0] - s * own_middle[1], s * own_middle[0] + c * own_middle[1]])
+    origin = image - np.array([c * own_centroid[0] - s * own_centroid[1], s * own_centroid[0] + c * own_centroid[1]])
     return np.array([*origin, frames[user, 2], yaw])

@@ -111,9 +111,9 @@ def _extended_states(graph: PoseGraph, before: LocalOptimum, known: list[int], p
         frames = np.full_like(states.anchor_poses, np.nan)
         frames[known] = states.anchor_poses[known]
         flat = graph.to_rigid_ranges(states._replace(anchor_poses=frames))
-        wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
+        inflated = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
         user = max(new, key=lambda u: ties(flat, u, known))
-        grown = extend(wide, [Candidate(frames, 0.0)], graph.users, user, parameters)
+        grown = extend(inflated, [Candidate(frames, 0.0)], graph.users, user, parameters)
         states.anchor_poses[user] = grown[0].frames[user]
         known, new = [*known, user], [u for u in new if u != user]
     return states

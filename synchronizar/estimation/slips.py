@@ -31,10 +31,10 @@ _MOST_TRIED = 3
 def relaid(graph: PoseGraph, states: States, parameters: Parameters) -> Iterator[States]:
     """The states with pieces of one user's track moved to where they fit much better, largest gain first."""
     flat = graph.to_rigid_ranges(states)
-    wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
+    inflated = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
     moving = [u for u in graph.active_users if len(graph.keyframes[u]) > 1]
     moved = [
-        _move_pieces(graph, states, wide, user, pieces, parameters)
+        _move_pieces(graph, states, inflated, user, pieces, parameters)
         for pieces in parameters.search.slip_pieces
         for user in moving
     ]
@@ -43,19 +43,19 @@ def relaid(graph: PoseGraph, states: States, parameters: Parameters) -> Iterator
 
 
 def _move_pieces(
-    graph: PoseGraph, states: States, wide: RangeMeasurements, user: int, pieces: int, parameters: Parameters
+    graph: PoseGraph, states: States, inflated: RangeMeasurements, user: int, pieces: int, parameters: Parameters
 ) -> tuple[float, States]:
     """The gain (log likelihood of ranges) by moving pieces of a user's track, and the states with these moved."""
-    mine = np.flatnonzero((wide.i == user) | (wide.j == user)).astype(np.int32)
-    begin, end = wide.t[mine].min(), wide.t[mine].max()
+    mine = np.flatnonzero((inflated.i == user) | (inflated.j == user)).astype(np.int32)
+    begin, end = inflated.t[mine].min(), inflated.t[mine].max()
     bounds = np.linspace(begin, end, pieces + 1)
     piece_frames, gained = np.tile(states.anchor_poses[user], (pieces, 1)), 0.0
     for piece in range(pieces):
-        inside = mine[(wide.t[mine] >= bounds[piece]) & (wide.t[mine] <= bounds[piece + 1])]
+        inside = mine[(inflated.t[mine] >= bounds[piece]) & (inflated.t[mine] <= bounds[piece + 1])]
         if len(inside) >= parameters.search.slip_least_ranges:
-            gain, there = _best_frame(graph, states, wide[inside], user, parameters)
+            gain, best = _best_frame(graph, states, inflated[inside], user, parameters)
             if gain > parameters.search.slip_gain:
-                piece_frames[piece], gained = there, gained + gain
+                piece_frames[piece], gained = best, gained + gain
     stamps = graph.keyframes[user].t - states.calibration[user, CLOCK]
     which = np.clip(np.searchsorted(bounds[1:-1], stamps), 0, pieces - 1).astype(np.int32)
     return gained, _with_moved_pieces(graph, states, user, piece_frames, which)
@@ -71,10 +71,10 @@ def _best_frame(
     found = extend(measurements, [Candidate(others, 0.0)], graph.users, user, parameters)
     if not found:
         return 0.0, here
-    there = found[0].frames[user]
+    best = found[0].frames[user]
     return _cost(states.anchor_poses, measurements, user, here, parameters) - _cost(
-        states.anchor_poses, measurements, user, there, parameters
-    ), there
+        states.anchor_poses, measurements, user, best, parameters
+    ), best
 
 
 def _cost(frames: Array, measurements: RangeMeasurements, user: int, frame: Array, parameters: Parameters) -> float:

@@ -69,23 +69,23 @@ class MarginalPrior(NamedTuple):
         first = {u: 4 * n for n, u in enumerate(self.free)}
         ours = self.frames[reference]
         to_ours = rotation_2d(-float(ours[3]))
-        turn = np.zeros((4 * len(others) + 3 * len(self.users), len(self.covariance)))
+        transform = np.zeros((4 * len(others) + 3 * len(self.users), len(self.covariance)))
         for n, u in enumerate(others):
             at, offset = 4 * n, self.frames[u] - ours
             if u in first:
-                turn[at : at + 2, first[u] : first[u] + 2] = to_ours
-                turn[at + 2 : at + 4, first[u] + 2 : first[u] + 4] = np.eye(2)
-            there = first[reference]
-            turn[at : at + 2, there : there + 2] = -to_ours
-            turn[at : at + 2, there + 2] = -to_ours @ np.array([-offset[1], offset[0]])
-            turn[at + 2 : at + 4, there + 2 : there + 4] = -np.eye(2)
-        turn[4 * len(others) :, 4 * len(self.free) :] = np.eye(3 * len(self.users))
+                transform[at : at + 2, first[u] : first[u] + 2] = to_ours
+                transform[at + 2 : at + 4, first[u] + 2 : first[u] + 4] = np.eye(2)
+            at_reference = first[reference]
+            transform[at : at + 2, at_reference : at_reference + 2] = -to_ours
+            transform[at : at + 2, at_reference + 2] = -to_ours @ np.array([-offset[1], offset[0]])
+            transform[at + 2 : at + 4, at_reference + 2 : at_reference + 4] = -np.eye(2)
+        transform[4 * len(others) :, 4 * len(self.free) :] = np.eye(3 * len(self.users))
         return MarginalPrior(
             self.users,
             reference,
             relative_to(self.frames, reference),
             self.calibration,
-            turn @ self.covariance @ turn.T,
+            transform @ self.covariance @ transform.T,
         )
 
     def factor(self, assumed_clock: Array) -> gtsam.CustomFactor:

@@ -163,7 +163,8 @@ class PoseGraph:
     def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:
         """EM weights re-estimated at these states, and the states' negative log likelihood.
 
-        Range weights stay as they were before. Costs compare between graphs with the same ranges and range weights.
+        Range weights stay as they were before. Costs of graphs with the same ranges and range weights can be
+        compared.
         """
         m, s = self.parameters, self.measurements
         whitened = self.residuals(states) / self.sigma
@@ -247,9 +248,9 @@ class PoseGraph:
     ) -> tuple[States, EmWeights, float]:
         """States, EM weights and cost at a local optimum: optimises the states and re-estimates the weights in turn.
 
-        Expectation maximisation; stops when the cost gains less than 0.05 + 3e-5 a range (rigid: 0.005), or after
-        `rounds`; or when, after a round, the states are `known` (the cost returned is then that before it) or cost more
-        than `hopeless`.
+        Expectation maximisation; stops when a round lowers the cost by less than the graph's gain, or after `rounds`; or
+        when, after a round, the states are `known` (the cost returned is then that before it) or cost more than
+        `hopeless`.
         """
         return finish(self.running_em(states, em_weights, rounds, annealing, known=known, hopeless=hopeless))
 
@@ -383,7 +384,7 @@ class PoseGraph:
                 graph.add(gtsam.BetweenFactorDouble(here, there, z, vertical))
 
     def keys(self, user: int, keyframe: int) -> CalibratedUserKeys:
-        """Keys of a user at a keyframe; the reference's frame and everybody's first keyframe are fixed."""
+        """Keys of a user at a keyframe; the reference's frame and every user's first keyframe are fixed."""
         free, first = user != self.reference, keyframe == 0
         return CalibratedUserKeys(
             keys.frame(user) if free else None,

@@ -41,7 +41,7 @@ class UserKeys(NamedTuple):
     """double (m): the keyframe's height; present where `pose` is."""
 
     def keys(self) -> list[int]:
-        """Those that are there, in the order of the Jacobians."""
+        """The keys that are not None, in the order of the Jacobians."""
         return [key for key in self if key is not None]
 
     def columns(self, offset: int) -> list[slice]:
@@ -68,11 +68,11 @@ class FixedUser(NamedTuple):
     pose: UserPose
 
     def keys(self) -> list[int]:
-        """None."""
+        """No keys."""
         return []
 
     def columns(self, offset: int) -> list[slice]:  # noqa: ARG002 - the face of UserKeys
-        """None."""
+        """No columns."""
         return []
 
     def read(self, values: gtsam.Values) -> UserPose:  # noqa: ARG002 - the face of UserKeys
@@ -164,7 +164,7 @@ class CalibratedUserKeys(NamedTuple):
     """The same of the keyframe where `pose` is None."""
 
     def keys(self) -> list[int]:
-        """Those that are there, in the order of the Jacobians."""
+        """The keys that are not None, in the order of the Jacobians."""
         return [key for key in self[:5] if key is not None]
 
     def columns(self, offset: int) -> list[slice]:

@@ -94,16 +94,16 @@ def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:
 
 
 def _middle(of_keyframes: list[int]) -> dict[int, None]:
-    """The middle `_MOST_KEYFRAMES` keyframes' keys, of two a keyframe in the order of time."""
-    spare = max(len(of_keyframes) // 2 - _MOST_KEYFRAMES, 0)
-    first = 2 * (spare // 2)
+    """Keys of the middle `_MOST_KEYFRAMES` keyframes; `of_keyframes` has two a keyframe, by time."""
+    excess = max(len(of_keyframes) // 2 - _MOST_KEYFRAMES, 0)
+    first = 2 * (excess // 2)
     return dict.fromkeys(of_keyframes[first : first + 2 * _MOST_KEYFRAMES])
 
 
 def _dense(linear: gtsam.GaussianFactorGraph, columns: list[int]) -> tuple[Array, Array]:
     """The Jacobian by all `columns`, and the right-hand side; gtsam leaves out keys that no factor has."""
-    there = linear.keys()
-    known = [key for key in columns if there.count(key)]
+    present = linear.keys()
+    known = [key for key in columns if present.count(key)]
     jacobian, wanted = linear.jacobian(keys.ordering(known))
     spans = keys.rows(columns)
     at = np.concatenate(

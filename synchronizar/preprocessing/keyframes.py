@@ -65,7 +65,7 @@ def keyframes_of(
     """The keyframes of a track: at multiples of `interval` s, at both ends, and on both sides of each jump and gap.
 
     `noise` are factors on the drift of `parameters.slam`, in position and in heading. The variance of a step is
-    drift_m_per_sqrt_s^2 dt + drift_m_per_sqrt_m^2 way; that of its turn is alike.
+    drift_m_per_sqrt_s^2 dt + drift_m_per_sqrt_m^2 distance; that of its yaw has the same form.
     """
     track, segment = repaired.track, repaired.segment
     broken = (np.diff(segment) != 0) | (np.diff(track.t) > parameters.slam.longest_pose_gap)
@@ -76,17 +76,17 @@ def keyframes_of(
     due = np.concatenate([of_piece for _, of_piece in pieces])
 
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
-    dt, way = np.diff(track.t[at]), np.diff(travelled[at])
+    dt, distance = np.diff(track.t[at]), np.diff(travelled[at])
     jumped = np.diff(segment[at]) != 0
     metres = noise[0] * np.sqrt(
-        parameters.slam.drift_m_per_sqrt_s**2 * dt + parameters.slam.drift_m_per_sqrt_m**2 * way
+        parameters.slam.drift_m_per_sqrt_s**2 * dt + parameters.slam.drift_m_per_sqrt_m**2 * distance
     )
     radians = noise[1] * np.sqrt(
-        parameters.slam.drift_rad_per_sqrt_s**2 * dt + parameters.slam.drift_rad_per_sqrt_m**2 * way
+        parameters.slam.drift_rad_per_sqrt_s**2 * dt + parameters.slam.drift_rad_per_sqrt_m**2 * distance
     )
     # Where SLAM had lost gravity only the length of a step is known.
     lost = ~repaired.level[segment[at[:-1]]]
-    metres = np.hypot(metres, np.where(lost, way, 0.0))
+    metres = np.hypot(metres, np.where(lost, distance, 0.0))
     metres = np.where(jumped, parameters.slam.jump_sigma_m, metres)
     radians = np.where(jumped, parameters.slam.jump_sigma_rad, radians)
     sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA)

@@ -30,8 +30,7 @@ class RepairedTrack:
     """A track with its jumps removed."""
 
     track: Track
-    """Same stamps; continuous and level. It begins at SLAM's own position and yaw; its height is that of the first
-    level segment."""
+    """Same stamps; continuous and level. Begins at SLAM's position and yaw; height as SLAM's first level segment."""
     jumps: tuple[Jump, ...]
     segment: Indices
     """(n,) index of the segment between jumps that each pose belongs to; 0 before the first jump."""
@@ -55,17 +54,17 @@ def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrac
     at = _rows(jumped)
     noise = _noise_level(_predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).attitude_error)
     least_tilt = max(parameters.slam.jump_tilt, parameters.slam.jump_spread * noise)
-    continued, way = _rebuild_jumps(track, steps, jumped, least_tilt, parameters)
+    continued, displacement = _rebuild_jumps(track, steps, jumped, least_tilt, parameters)
     repaired_from_slam, level = _level_segments(track, segment, continued, least_tilt)
 
     attitude = multiply_quaternions(repaired_from_slam[segment], track.quat_xyzw)
-    repaired_way = rotate_by_quaternions(repaired_from_slam[segment[:-1]], way)
-    repaired_way[:, 2] *= level[segment[:-1]]
-    position = track.position[0] + np.vstack([np.zeros(3), np.cumsum(repaired_way, axis=0)])
+    repaired_displacement = rotate_by_quaternions(repaired_from_slam[segment[:-1]], displacement)
+    repaired_displacement[:, 2] *= level[segment[:-1]]
+    position = track.position[0] + np.vstack([np.zeros(3), np.cumsum(repaired_displacement, axis=0)])
     first_level = int(np.argmax(level[segment]))
     position[:, 2] += track.position[first_level, 2] - position[first_level, 2]
     change = multiply_quaternions(_inverse(continued[1:]), continued[:-1])
-    jump_lengths = np.linalg.norm(steps.way[at] - way[at], axis=1)
+    jump_lengths = np.linalg.norm(steps.displacement[at] - displacement[at], axis=1)
     jumps = tuple(
         Jump(float(track.t[k + 1]), int(k) + 1, float(distance), float(turn), float(tilt))
         for k, distance, turn, tilt in zip(at, jump_lengths, yaw_of_quaternions(change), _tilt(change), strict=True)
@@ -80,7 +79,7 @@ class _Steps(NamedTuple):
     """(n,) s, stamp of the pose before the step."""
     dt: Array
     """(n,) s."""
-    way: Array
+    displacement: Array
     """(n, 3) m, displacement in SLAM's axes."""
     twist: Array
     """(n, 9): velocity in body axes, velocity in SLAM's axes (m/s), angular rate in body axes (rad/s)."""
@@ -104,11 +103,13 @@ class _Prediction(NamedTuple):
 
 def _steps(track: Track) -> _Steps:
     q = track.quat_xyzw
-    dt, way = np.diff(track.t), np.diff(track.position, axis=0)
+    dt, displacement = np.diff(track.t), np.diff(track.position, axis=0)
     inverse = _inverse(q[:-1])
-    body_way = rotate_by_quaternions(inverse, way)
+    body_displacement = rotate_by_quaternions(inverse, displacement)
     turn = _rotation_vector(multiply_quaternions(inverse, q[1:]))
-    return _Steps(track.t[:-1], dt, way, np.column_stack([body_way, way, turn]) / dt[:, None])
+    return _Steps(
+        track.t[:-1], dt, displacement, np.column_stack([body_displacement, displacement, turn]) / dt[:, None]
+    )
 
 
 def _jumped_by_position(steps: _Steps, parameters: Parameters) -> Mask:
@@ -214,9 +215,9 @@ def _rebuild_jumps(
         elif _tilt(turned[-1]) <= least_tilt:
             turned = _yaw_quaternions(yaw_of_quaternions(turned))
         axes[event + 1] = _unit(multiply_quaternions(axes[event[0]], turned))
-    way = steps.way.copy()
-    way[at] = rebuilt
-    return axes, way
+    displacement = steps.displacement.copy()
+    displacement[at] = rebuilt
+    return axes, displacement
 
 
 def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, parameters: Parameters) -> bool:
