@@ -19,6 +19,9 @@ from synchronizar.data.registration import (
     UserRegistration,
 )
 from synchronizar.data.user import User
+from synchronizar.diagnosis import findings_of
+from synchronizar.diagnosis.reasons import with_reasons
+from synchronizar.diagnosis.solution import findings_of_solution
 from synchronizar.errors import InputError
 from synchronizar.estimation.full import register_full
 from synchronizar.estimation.outcome import Outcome
@@ -43,10 +46,12 @@ def register(
     parameters = parameters or Parameters()
     began = perf_counter()
     ref = reference_of(recording, reference, parameters)
+    found = findings_of(recording)
     outcome = (register_full if model == "full" else register_rigid)(recording, ref, parameters)
     seconds = {"load": 0.0, "initialise": outcome.searched - began, "solve": perf_counter() - outcome.searched}
     ranges = range_verdicts(outcome, len(recording.ranges))
-    return registration_of(recording.users, outcome, ref, model, ranges, seconds)
+    registration = registration_of(recording.users, outcome, ref, model, ranges, seconds)
+    return with_reasons(registration, [*found, *findings_of_solution(recording, registration, found)])
 
 
 def registration_of(
