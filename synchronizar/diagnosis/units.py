@@ -40,6 +40,8 @@ KNOWN = 4.0
 """sigmas from 0: a squared factor that is told by the devices' own motion."""
 USUAL_NOISE, USUAL_DISTANCE = 0.1, 5.0
 """m, of ranges."""
+FARTHEST = 100.0
+"""m: where devices move, their ranges are told by noise only if they are usually longer than this."""
 LARGEST_NOISE = 3.0
 """m: what spreads more is not measured in metres."""
 
@@ -91,11 +93,12 @@ def _range_unit(recording: Recording, fits: PairFits, square: Array, sigma: Arra
     unit = _likely_unit(square, sigma, inverse=False)
     if unit is not None:
         return unit, _change(square, UNITS[unit])
-    if (square > KNOWN * sigma).any() or not np.isfinite(fits.spread).any():
+    if not np.isfinite(fits.spread).any():
         return None, ""
     noise = float(np.nanmedian(fits.spread))
     middle = float(np.median(np.abs(recording.ranges.distance[fits.groups.row[fits.groups.there]])))
-    if noise < LARGEST_NOISE:
+    moved = (square > KNOWN * sigma).any()
+    if noise < LARGEST_NOISE or (moved and middle < FARTHEST):
         return None, ""
     misfit = {
         u: np.log(noise / UNITS[u] / USUAL_NOISE) ** 2 + np.log(max(middle, 1e-3) / UNITS[u] / USUAL_DISTANCE) ** 2
