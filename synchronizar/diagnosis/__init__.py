@@ -1,4 +1,4 @@
-"""What looks wrong in a recording, each mistake told as what it is. Nothing here changes a recording."""
+"""What looks wrong in a recording, each mistake named as what it is. Nothing here changes a recording."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["findings_of"]
 def findings_of(recording: Recording) -> list[Finding]:
     """What can be found without solving anything, the cause before what follows from it.
 
-    What is found first is mended in a copy before the rest is looked for, so that one mistake is told once.
+    What is found first is mended in a copy before the rest is looked for, so that one mistake is reported once.
     """
     found = [*recording.findings, *time_unit_findings(recording)]
     meant = in_seconds(recording)

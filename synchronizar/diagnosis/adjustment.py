@@ -70,7 +70,7 @@ class Adjustment:
 def adjusted(recording: Recording, registration: Registration) -> Adjustment | None:
     """The adjustment of a solution; None where there is too little to adjust, or too much."""
     k = len(recording.users)
-    if k > MOST_USERS or registration.reference not in registration.users:
+    if k > MOST_USERS or registration.reference is None or registration.reference not in registration.users:
         return None
     tracks = registration.tracks(recording)
     ends = _ends(recording, registration)

@@ -25,7 +25,7 @@ MOST_USERS = 8
 def clock_shift_findings(recording: Recording) -> list[Finding]:
     """Of the one device, or of all (user None), whose clock is likely seconds off; nothing where that is not plain.
 
-    The one shift that explains most is told: of several clocks that are wrong each in its own way, none is.
+    The one shift that explains most is reported: of several clocks that are wrong each in its own way, none is.
     """
     groups = groups_of(recording)
     fits = fit_pairs(recording, groups, free=False)

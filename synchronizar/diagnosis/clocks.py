@@ -14,7 +14,7 @@ from another moment."""
 
 
 def time_overlap_findings(recording: Recording) -> list[Finding]:
-    """Of each user none of whose ranges falls within its track; both spans are told.
+    """Of each user none of whose ranges falls within its track; both spans are reported.
 
     Where both could be by the same clock, set wrongly, a second finding says by how much.
     """

@@ -1,4 +1,4 @@
-"""Antennas whose lever arms are told in a robot's axes while the attitudes are a camera's."""
+"""Antennas whose lever arms are given in a robot's axes while the attitudes are a camera's."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def lever_findings(recording: Recording, groups: Groups) -> list[Finding]:
         Finding(
             Code.OPTICAL_AXES,
             user.name,
-            "its antennas are likely told in a robot's axes (x forward, y left, z up) and its attitudes in a camera's "
+            "its antennas are likely given in a robot's axes (x forward, y left, z up) and its attitudes in a camera's "
             f"(x right, y down, z forward): its ranges fit to {np.median(after):.2f} m with the arms turned, to "
             f"{np.median(before):.2f} m as they are",
             "turn its lever arms in recording.toml: [x, y, z] becomes [-y, -z, x]",

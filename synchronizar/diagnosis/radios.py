@@ -1,4 +1,4 @@
-"""Two devices that carry each other's radio, told by what their ranges fit."""
+"""Two devices that carry each other's radio, found by what their ranges fit."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Reg
     return replace(registration, users=users, findings=tuple(findings))
 
 
-def _cause(findings: Sequence[Finding], name: str, codes: Sequence[Code]) -> Finding | None:
+def _cause(findings: Sequence[Finding], name: str | None, codes: Sequence[Code]) -> Finding | None:
     """The gravest of a user's own findings with these codes, else of those that are everybody's."""
-    own = [f for f in findings if f.code in codes and (f.user == name or (f.user is None and f.code in OF_ALL))]
+    own = [f for f in findings if f.code in codes and (f.code in OF_ALL if f.user is None else f.user == name)]
     return min(own, key=lambda f: (f.user is None, codes.index(f.code)), default=None)

@@ -77,7 +77,7 @@ def _suspect(recording: Recording, registration: Registration) -> bool:
 def _heights(recording: Recording, registration: Registration, adjustment: Adjustment) -> list[Finding]:
     """Of each moving user whose origin is too far above or below the mean of the others', the farthest first.
 
-    Whose is told no longer counts among the others. Of two the one that is not the reference is told.
+    Whose is reported no longer counts among the others. Of two the one that is not the reference is reported.
     """
     level = [u for u, user in enumerate(recording.users) if not user.static and np.isfinite(adjustment.height[u])]
     found = []

@@ -146,13 +146,13 @@ def duration(seconds: float) -> str:
 
 
 def _unit_by_size(t: Array) -> str | None:
-    """Since 1970, told by its size."""
+    """Since 1970, by its size."""
     middle = float(np.median(t))
     return next((u for u, per_second in UNITS.items() if EPOCH_S[0] < middle / per_second < EPOCH_S[1]), None)
 
 
 def _unit_by_rate(track: Track) -> str | None:
-    """Since any other moment, told by how slowly poses follow one another and how slowly the device would move."""
+    """Since any other moment, by how slowly poses follow one another and how slowly the device would move."""
     if len(track) < FEWEST_POSES:
         return None
     dt = np.diff(track.t)

@@ -21,7 +21,7 @@ FIT_SIGMA = 1.5
 TAIL = 3.0
 """and degrees of freedom of Student's t, as which their errors are distributed."""
 PLAIN = 8.0
-"""A unit is e^8 times as likely as any other, metres among them, before it is told."""
+"""A unit is e^8 times as likely as any other, metres among them, before it is reported."""
 LEAST_SHARE = 0.5
 """Of the fits at least so many, by weight, agree with the unit within a factor of 1.35 (of lengths)."""
 FACTOR = 1.35
@@ -37,11 +37,11 @@ USUAL_SPEED = 0.7
 """m/s."""
 SPEED_STEP_S = 1.0
 KNOWN = 4.0
-"""sigmas from 0: a squared factor that is told by the devices' own motion."""
+"""sigmas from 0: a squared factor that is reported by the devices' own motion."""
 USUAL_NOISE, USUAL_DISTANCE = 0.1, 5.0
 """m, of ranges."""
 FARTHEST = 100.0
-"""m: where devices move, their ranges are told by noise only if they are usually longer than this."""
+"""m: where devices move, their ranges are reported by noise only if they are usually longer than this."""
 LARGEST_NOISE = 3.0
 """m: what spreads more is not measured in metres."""
 
