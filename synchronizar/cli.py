@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 PROGRAM = "synchronizar"
 _WIDEST = 80  # columns of what is drawn on a terminal
+FOUND = 1
 UNUSABLE = 2
 INTERRUPTED = 130
 READER_GONE = 141
@@ -36,10 +37,13 @@ READER_GONE = 141
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit status: 0 done, 2 where the input or an option cannot be used."""
+    """Run a command and return its exit status: 0 done, 2 where the input or an option cannot be used.
+
+    `check` has 1 where it found something.
+    """
     try:
         options = _parser().parse_args(argv)
-        options.command(options)
+        status: int | None = options.command(options)
     except InputError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return UNUSABLE
@@ -50,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         return READER_GONE
-    return 0
+    return status or 0
 
 
 _REFERENCE = "whose frame the common one is [the first by name that is not static and moves more than 0.5 m]"
@@ -132,6 +136,16 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
     evaluate.set_defaults(command=_evaluate)
 
+    check = commands.add_parser(
+        "check",
+        help="what is in a recording and what looks wrong",
+        description="Exit status: 0 nothing found, 1 findings, 2 register refuses it.",
+        epilog=_example("check walk/"),
+    )
+    check.add_argument("recording", metavar="RECORDING", type=Path)
+    check.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    check.set_defaults(command=_check)
+
     simulate = commands.add_parser(
         "simulate",
         help="make a recording, with its truth",
@@ -178,6 +192,40 @@ def _replay(options: argparse.Namespace) -> None:
     _tell(registration, options.json)
 
 
+def _check(options: argparse.Namespace) -> int:
+    from synchronizar.diagnosis import findings_of
+    from synchronizar.diagnosis.solution import spoils
+    from synchronizar.diagnosis.summary import summary_of
+    from synchronizar.estimation.register import register
+    from synchronizar.io.tolerant import read_tolerantly
+    from synchronizar.reporting.check import check_json, check_table
+
+    _progress(f"loading {options.recording} ...")
+    try:
+        recording, refused = read_tolerantly(options.recording)
+    except InputError as error:
+        if options.json:
+            _print(json.dumps({"findings": [], "users": {}, "ranges": {}, "refused": str(error)}))
+        raise
+    findings = findings_of(recording)
+    if refused is None and not spoils(findings):
+        # What only a solution shows.
+        _progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
+        try:
+            with _solvable(options.recording):
+                findings = list(register(recording).findings)
+        except InputError as error:
+            refused = error
+    summary = summary_of(recording)
+    if options.json:
+        _print(json.dumps(check_json(summary, findings, None if refused is None else str(refused)), allow_nan=False))
+    else:
+        _print(check_table(summary, findings))
+    if refused is not None:
+        raise refused
+    return FOUND if findings else 0
+
+
 def _tell(registration: Registration, as_json: bool) -> None:
     from synchronizar.io.registration_folder import registration_json
     from synchronizar.reporting.tables import registration_table
@@ -194,6 +242,8 @@ def _loaded(folder: Path) -> tuple[Recording, float]:
     _progress(f"loading {folder} ...")
     began = perf_counter()
     recording = Recording.load(folder)
+    for finding in recording.findings:
+        print(f"{PROGRAM}: {folder}: {finding.message}; {finding.remedy}", file=sys.stderr)
     return recording, perf_counter() - began
 
 

@@ -153,7 +153,7 @@ def test_the_live_line_fits_its_columns(users: int) -> None:
 
 def test_the_keys_are_those_of_the_contract(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = registered(walk, capsys)
-    assert said.keys() == {"reference", "model", "method", "users", "alternatives", "ranges", "seconds"}
+    assert said.keys() == {"reference", "model", "method", "users", "alternatives", "ranges", "findings", "seconds"}
     assert (said["reference"], said["model"], said["method"]) == ("phone0", "full", "joint")
     assert list(said["users"]) == ["phone0", "phone1", "phone2", "radio0"]
     for name, user in said["users"].items():
@@ -292,8 +292,10 @@ def test_a_broken_recording_is_told_in_one_line_or_answered_in_finite_numbers(
         assert_one_line(err)
     else:
         assert status == 0
-        assert err == ""
         said = json.loads(printed)
+        unread = [finding for finding in said["findings"] if finding["code"] == "unknown-column"]
+        assert err.count("\n") == len(unread)
+        assert all(finding["message"] in err for finding in unread)
         assert np.isfinite(list(numbers(said))).all()
         assert said == json.loads((out / "registration.json").read_text())
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from synchronizar.arrays import Array, Indices, Mask
+from synchronizar.data.findings import Finding
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
@@ -31,6 +32,8 @@ class Recording:
     users: tuple[User, ...]
     tracks: Mapping[str, Track]
     ranges: Ranges
+    findings: tuple[Finding, ...] = ()
+    """What looked wrong when it was read from files, where nothing else shows it."""
 
     def __post_init__(self) -> None:
         names = [u.name for u in self.users]

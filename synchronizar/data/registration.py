@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array, Mask
+from synchronizar.data.findings import Finding
 from synchronizar.data.jump import Jump
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
@@ -115,6 +116,9 @@ class Registration:
     joint_covariance: Array | None = None
     """(k, 4, k, 4), users in order: how the errors of all `common_from_user` hang together, as each one's `covariance`
     has its own; of the best placement alone. None from the rigid model and while people walk."""
+
+    findings: tuple[Finding, ...] = ()
+    """What looks wrong in the recording."""
 
     def between(self, to: str, of: str) -> YawFrame:
         """`to_from_of`: the frame of user `of` in that of user `to`.

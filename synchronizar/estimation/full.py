@@ -21,6 +21,7 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, keyframes_of
 from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
+from synchronizar.progress import Progress, stage, unheard
 
 
 class Solved(NamedTuple):
@@ -34,16 +35,20 @@ class Solved(NamedTuple):
     """s, perf_counter at the end of the search."""
 
 
-def register_full(recording: Recording, reference: int, parameters: Parameters) -> Outcome:
+def register_full(recording: Recording, reference: int, parameters: Parameters, progress: Progress) -> Outcome:
     """The outcome of a recording: every user's frame, drift, scale, clock offset, radio bias and verdict."""
     repaired_tracks = {name: repair_relocalizations(track, parameters) for name, track in recording.tracks.items()}
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
-    minima, noise, searched = solve(repaired, repaired_tracks, reference, parameters)
+    minima, noise, searched = solve(repaired, repaired_tracks, reference, parameters, stage(progress, 0.0, 0.9))
     return outcome(recording, repaired, repaired_tracks, minima, noise, searched, parameters)
 
 
 def solve(
-    repaired: Recording, repaired_tracks: dict[str, RepairedTrack], reference: int, parameters: Parameters
+    repaired: Recording,
+    repaired_tracks: dict[str, RepairedTrack],
+    reference: int,
+    parameters: Parameters,
+    progress: Progress = unheard,
 ) -> Solved:
     """The local optima of a recording, solved without a start; its tracks are `repaired_tracks`."""
     measurements = range_measurements(repaired, parameters)
@@ -51,11 +56,13 @@ def solve(
     measurements = measurements[np.isin(measurements.i, active_users)]
 
     coarse = keyframes_of_all(repaired, repaired_tracks, coarse_interval(measurements, parameters), parameters)
-    found = search_and_grow(repaired, measurements, coarse, active_users, reference, parameters)
+    searching = stage(progress, 0.0, 0.7)
+    found = search_and_grow(repaired, measurements, coarse, active_users, reference, parameters, searching)
     searched = perf_counter()
     fine = keyframes_of_all(repaired, repaired_tracks, parameters.slam.keyframe_interval, parameters)
     graph = PoseGraph(repaired, measurements, fine, active_users, reference, parameters)
     minima, noise = _refined(repaired, repaired_tracks, found, graph, parameters)
+    progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
         minima, noise = _refined(repaired, repaired_tracks, [minima[1], *found], graph, parameters)
     return Solved(minima, noise, searched)

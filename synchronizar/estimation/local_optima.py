@@ -20,6 +20,7 @@ from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States, interpolated
 from synchronizar.parameters import Parameters
+from synchronizar.progress import Progress, unheard
 
 _ANNEALING = (4.0, 2.0)
 _FIRST_ROUNDS = 2
@@ -51,15 +52,18 @@ def by_cost(optimum: LocalOptimum) -> float:
     return optimum.cost
 
 
-def find_optima(graph: PoseGraph, starts: list[States], parameters: Parameters) -> list[LocalOptimum]:
+def find_optima(
+    graph: PoseGraph, starts: list[States], parameters: Parameters, progress: Progress = unheard
+) -> list[LocalOptimum]:
     """The local optima reached from `starts`, and from slips and mirror images of the best one, best first.
 
     A rigid graph is not annealed unless ranges are NLOS, and is then started from parts of the walk as well.
     """
     found: list[LocalOptimum] = []
     rigid = isinstance(graph, RigidGraph)
-    for states in starts:
+    for n, states in enumerate(starts, start=1):
         _add_optimum(graph, states, found, () if rigid else _ANNEALING)
+        progress(0.5 * n / len(starts))
     if rigid and graph.free and _nlos_share(min(found, key=by_cost)) > parameters.search.doubtful_share:
         for states in starts:
             _add_optimum(graph, states, found, (parameters.search.annealing,))
@@ -71,6 +75,7 @@ def find_optima(graph: PoseGraph, starts: list[States], parameters: Parameters) 
         for states in chain(relaid(graph, best.states, parameters), _mirror_images(best, parameters)):
             _add_optimum(graph, states, found, ())
         better = min(found, key=by_cost)
+        progress(0.8)
         if better.cost > best.cost - BETTER:
             break
         best = better  # which may have mirror images of its own

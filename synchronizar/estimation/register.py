@@ -19,6 +19,9 @@ from synchronizar.data.registration import (
     UserRegistration,
 )
 from synchronizar.data.user import User
+from synchronizar.diagnosis import findings_of
+from synchronizar.diagnosis.reasons import with_reasons
+from synchronizar.diagnosis.solution import findings_of_solution
 from synchronizar.errors import InputError
 from synchronizar.estimation.full import register_full
 from synchronizar.estimation.outcome import Outcome
@@ -26,6 +29,7 @@ from synchronizar.estimation.rigid import register_rigid
 from synchronizar.geometry import YawFrame
 from synchronizar.graph.states import BIAS, CLOCK
 from synchronizar.parameters import Parameters
+from synchronizar.progress import Progress, unheard
 
 
 def register(
@@ -33,20 +37,24 @@ def register(
     reference: str | None = None,
     model: Literal["full", "rigid"] = "full",
     parameters: Parameters | None = None,
+    progress: Progress | None = None,
 ) -> Registration:
     """Where every user's frame lies in the reference's, how sure that is, and which ranges it rests on.
 
     `model` full: SLAM may drift, jump, have a wrong scale and clock, radios a bias. rigid: SLAM is trusted, one frame
-    per user and nothing else. Raises InputError where `reference` is nobody or a radio that stands still, or where
+    per user and nothing else. `progress` hears what share of the work is done. Raises InputError where `reference` is nobody or a radio that stands still, or where
     nobody can be the reference. What cannot be answered is told as a state.
     """
     parameters = parameters or Parameters()
     began = perf_counter()
     ref = reference_of(recording, reference, parameters)
-    outcome = (register_full if model == "full" else register_rigid)(recording, ref, parameters)
+    found = findings_of(recording)
+    solve = register_full if model == "full" else register_rigid
+    outcome = solve(recording, ref, parameters, progress or unheard)
     seconds = {"load": 0.0, "initialise": outcome.searched - began, "solve": perf_counter() - outcome.searched}
     ranges = range_verdicts(outcome, len(recording.ranges))
-    return registration_of(recording.users, outcome, ref, model, ranges, seconds)
+    registration = registration_of(recording.users, outcome, ref, model, ranges, seconds)
+    return with_reasons(registration, [*found, *findings_of_solution(recording, registration, found)])
 
 
 def registration_of(

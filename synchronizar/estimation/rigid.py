@@ -23,9 +23,10 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.centering import centroids
 from synchronizar.preprocessing.extent import extent_points
 from synchronizar.preprocessing.range_measurements import range_measurements
+from synchronizar.progress import Progress, stage
 
 
-def register_rigid(recording: Recording, reference: int, parameters: Parameters) -> Outcome:
+def register_rigid(recording: Recording, reference: int, parameters: Parameters, progress: Progress) -> Outcome:
     """Everybody's frame, SLAM's poses taken as they are."""
     k = len(recording.users)
     measurements = range_measurements(recording, parameters)
@@ -35,7 +36,8 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters)
     graph = RigidGraph(recording, measurements, anchors, active_users, reference, parameters)
     starts = starts_of(graph, parameters)
     searched = perf_counter()
-    minima = find_optima(graph, starts, parameters)
+    progress(0.1)
+    minima = find_optima(graph, starts, parameters, stage(progress, 0.1, 0.9))
     best = minima[0]
     minima = [s for s in minima if s.cost <= best.cost + excluded_above(best, parameters)]
     weight, inlier_probability = graph.inlier_probability(best.states, best.em_weights)

@@ -20,6 +20,7 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.centering import centered, centroids
 from synchronizar.preprocessing.keyframes import Keyframes
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.progress import Progress, stage, unheard
 
 _KEYFRAMES = 20  # per first segment, while candidates are compared
 _ANNEALING = 3.0  # after a segment grew: SLAM has drifted in the part that was added
@@ -40,6 +41,7 @@ def search_and_grow(
     active_users: list[int],
     reference: int,
     parameters: Parameters,
+    progress: Progress = unheard,
 ) -> list[LocalOptimum]:
     """Local optima of the whole recording, best first: found in one segment, which doubles until it holds all."""
     users = recording.users
@@ -55,10 +57,13 @@ def search_and_grow(
         ]
         graph = PoseGraph(recording, part, keyframes, linked, reference, parameters)
         if not found:
-            found = find_optima(graph, starts_of(graph, parameters, parameters.search.sigma), parameters)
+            whole = linked == active_users and inside.all()
+            first = stage(progress, 0.0, 1.0 if whole else 0.3)
+            found = find_optima(graph, starts_of(graph, parameters, parameters.search.sigma), parameters, first)
             excluded = found[0].cost + parameters.integrity.cost_excluded_nlos
             others = [s.states.anchor_poses for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
+            progress(float(np.clip(inside.mean(), 0.3, 1.0)))
             found = [approach(graph, _extended_states(graph, found[0], known, parameters), _ANNEALING)]
         known = linked
         if linked == active_users and inside.all():

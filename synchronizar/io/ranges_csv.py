@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import islice, repeat
@@ -38,6 +39,29 @@ def read_ranges_csv(path: Path, users: Sequence[User]) -> Ranges:
     with os_faults(path), open_text(path) as file:
         chunks = [_ranges(chunk, users) for chunk in _chunks(path, file)]
     return Ranges(**{f.name: np.concatenate([getattr(chunk, f.name) for chunk in chunks]) for f in fields(Ranges)})
+
+
+def read_usable_ranges(path: Path, users: Sequence[User]) -> Ranges:
+    """The same without the rows that `read_ranges_csv` refuses; stamps of any size are taken.
+
+    Raises InputError where the file cannot be read or a line has not as many values as the header.
+    """
+    with os_faults(path), open_text(path) as file:
+        parts = [part for chunk in _chunks(path, file) for part in _usable(chunk, users)]
+    return Ranges(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Ranges)})
+
+
+def names_in_ranges_csv(path: Path) -> Counter[str]:
+    """How many ranges each name has, whether a user has it or not. Raises InputError as `read_usable_ranges` does."""
+    with os_faults(path), open_text(path) as file:
+        return Counter(name for chunk in _chunks(path, file) for end in ("a", "b") for name in chunk.columns[end])
+
+
+def unknown_columns(path: Path) -> list[str]:
+    """The named columns of a file that nobody reads. Raises InputError where it cannot be read or has no header."""
+    with os_faults(path), open_text(path) as file:
+        header, _ = _header(path, file)
+    return [name for name in header if name and name not in REQUIRED + OPTIONAL]
 
 
 def write_ranges_csv(path: Path, ranges: Ranges, users: Sequence[User]) -> None:
@@ -94,6 +118,10 @@ class _Chunk:
             pass
         bad = ~np.fromiter(map(is_number, texts), dtype=bool, count=len(texts))
         raise self.fault(column, int(bad.argmax()), "it must be a number")
+
+    def rows(self, which: slice) -> _Chunk:
+        """The ranges that a slice picks."""
+        return _Chunk(self.path, self.lines[which], {name: values[which] for name, values in self.columns.items()})
 
     def known(self, column: str) -> Mask:
         """(n,) whether there is anything."""
@@ -157,9 +185,24 @@ def _split_line(path: Path, text: str, line: int) -> list[str]:
         raise InputError(path, f"cannot be split into columns: {error}", line) from error
 
 
-def _ranges(chunk: _Chunk, users: Sequence[User]) -> Ranges:
+def _usable(chunk: _Chunk, users: Sequence[User]) -> Iterator[Ranges]:
+    """The ranges of a chunk without the rows that are refused, found by halving; in parts, one at least."""
+    try:
+        yield _ranges(chunk, users, np.inf)
+    except InputError:
+        half = len(chunk.lines) // 2
+        yield from _usable(chunk.rows(slice(0, half)), users)
+        if half:
+            yield from _usable(chunk.rows(slice(half, None)), users)
+
+
+def _ranges(chunk: _Chunk, users: Sequence[User], longest_stamp: float = MAX_STAMP) -> Ranges:
     t, distance = chunk.numbers("t"), chunk.numbers("range")
-    chunk.refuse("t", ~(np.abs(t) <= MAX_STAMP), f"a stamp is in seconds, finite and within {MAX_STAMP:g}")
+    chunk.refuse(
+        "t",
+        ~(np.isfinite(t) & (np.abs(t) <= longest_stamp)),
+        f"a stamp is in seconds, finite and within {longest_stamp:g}",
+    )
     a, b = _user_indices(chunk, "a", users), _user_indices(chunk, "b", users)
     chunk.refuse("b", a == b, "a device cannot measure the distance to itself")
     sigma = chunk.numbers("sigma", blank="nan")

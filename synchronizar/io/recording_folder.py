@@ -11,14 +11,15 @@ from synchronizar.io.ranges_csv import read_ranges_csv, write_ranges_csv
 from synchronizar.io.recording_toml import Settings, read_recording_toml, write_recording_toml
 from synchronizar.io.text import is_name, quoted
 from synchronizar.io.tum import read_tum, write_tum
+from synchronizar.io.unread import unknown_column_findings
 
 
 def load_recording(folder: Path) -> Recording:
     """The recording in a folder. Raises InputError as `Recording.load` does."""
     toml = folder / "recording.toml"
-    entries = _entries(folder)
+    entries = entries_of(folder)
     settings = read_recording_toml(toml) if toml in entries else Settings()
-    files = _track_files(folder / "tracks") if folder / "tracks" in entries else {}
+    files = track_files(folder / "tracks") if folder / "tracks" in entries else {}
     users = {name: User(name, up=settings.up) for name in files} | dict(settings.users)
     if not users:
         raise InputError(folder, "is not a recording: it has no tracks/<user>.tum")
@@ -29,7 +30,8 @@ def load_recording(folder: Path) -> Recording:
             raise InputError(toml, f"{user.name} has no track tracks/{user.name}.tum and is not static")
     by_name = tuple(users[name] for name in sorted(users))
     tracks = {name: read_tum(file, users[name].up) for name, file in files.items()}
-    return Recording(by_name, tracks, read_ranges_csv(folder / "ranges.csv", by_name))
+    ranges = folder / "ranges.csv"
+    return Recording(by_name, tracks, read_ranges_csv(ranges, by_name), tuple(unknown_column_findings(ranges)))
 
 
 def save_recording(recording: Recording, folder: Path) -> None:
@@ -40,7 +42,7 @@ def save_recording(recording: Recording, folder: Path) -> None:
             raise InputError(folder, f"{quoted(user.name)} cannot be the name of a file")
     with os_faults(tracks):
         tracks.mkdir(parents=True, exist_ok=True)
-    for name, file in _track_files(tracks).items():
+    for name, file in track_files(tracks).items():
         if name not in recording.tracks:
             raise InputError(file, f"stands in the way: {name} has no track in the recording to be saved")
     for user in recording.users:
@@ -50,16 +52,16 @@ def save_recording(recording: Recording, folder: Path) -> None:
     write_recording_toml(folder / "recording.toml", recording.users)
 
 
-def _entries(folder: Path) -> list[Path]:
+def entries_of(folder: Path) -> list[Path]:
     """What a folder holds, by name."""
     with os_faults(folder):
         return sorted(folder.iterdir())
 
 
-def _track_files(folder: Path) -> dict[str, Path]:
+def track_files(folder: Path) -> dict[str, Path]:
     """The track of each user, by name; hidden files are not tracks."""
     files = {}
-    for file in _entries(folder):
+    for file in entries_of(folder):
         if file.suffix == ".tum" and not file.name.startswith("."):
             if not is_name(file.stem):
                 raise InputError(folder, f"{quoted(file.stem)} cannot be the name of a user")

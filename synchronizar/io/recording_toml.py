@@ -15,6 +15,9 @@ from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import Up
 from synchronizar.io.text import MAX_LENGTH, MIN_SIGMA, is_name, quoted
 
+SETTINGS = ("up", "static", "height_sigma", "antennas")
+"""What a user has."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -26,17 +29,20 @@ class Settings:
     """Which axis points up in the tracks of all others."""
 
 
-def read_recording_toml(path: Path) -> Settings:
-    """Read the settings. Raises InputError where the file cannot be read or says what cannot be meant."""
+def read_recording_toml(path: Path, unknown: list[str] | None = None) -> Settings:
+    """Read the settings. Raises InputError where the file cannot be read or says what cannot be meant.
+
+    A setting that nobody reads is refused; with a list `unknown`, its name is put there and the rest is read.
+    """
     table = _parse(path)
-    _refuse_unknown(path, "", table, ("up", "users"))
+    _note_unknown(path, "", table, ("up", "users"), unknown)
     up = read_up(path, "up", table.get("up", Settings.up))
     users = {}
     for name, settings in _table(path, "users", table.get("users", {})).items():
         where = f"users.{name}"
         if not is_name(name):
             raise InputError(path, f"{quoted(name)} cannot be the name of a user")
-        users[name] = read_user(path, where, name, settings, up)
+        users[name] = read_user(path, where, name, settings, up, unknown)
     return Settings(users, up)
 
 
@@ -79,13 +85,16 @@ def _parse(path: Path) -> dict[str, Any]:
         raise InputError(path, f"cannot be read: {error}") from error
 
 
-def read_user(path: str | Path, where: str, name: str, settings: object, up: Up) -> User:
+def read_user(
+    path: str | Path, where: str, name: str, settings: object, up: Up, unknown: list[str] | None = None
+) -> User:
     """A user by its settings as recording.toml has them; `up` where they do not say.
 
-    Raises InputError that names `path` and the setting, which stands at `where`.
+    Raises InputError that names `path` and the setting, which stands at `where`; not for settings that nobody reads
+    where there is a list `unknown` to put their names in.
     """
     settings = _table(path, where, settings)
-    _refuse_unknown(path, where, settings, ("up", "static", "height_sigma", "antennas"))
+    _note_unknown(path, where, settings, SETTINGS, unknown)
     static = settings.get("static", False)
     if not isinstance(static, bool):
         raise InputError(path, f"{where}.static must be true or false")
@@ -128,9 +137,15 @@ def _table(path: str | Path, where: str, value: object) -> dict[str, Any]:
     return dict(value)
 
 
-def _refuse_unknown(path: str | Path, where: str, table: Mapping[str, object], known: Sequence[str]) -> None:
+def _note_unknown(
+    path: str | Path, where: str, table: Mapping[str, object], known: Sequence[str], unknown: list[str] | None
+) -> None:
     for key in table:
-        if key not in known:
+        if key in known:
+            continue
+        if unknown is not None:
+            unknown.append(f"{where}.{key}" if where else key)
+        else:
             place = f"{where} has" if where else "there is"
             raise InputError(path, f"{place} no setting {quoted(key)}; there are {', '.join(known)}")
 

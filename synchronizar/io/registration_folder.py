@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from synchronizar.data.findings import finding_json
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State, UserRegistration
 from synchronizar.data.updates import Replay, Update, UserUpdate
@@ -37,6 +38,7 @@ def registration_json(registration: Registration) -> dict[str, Any]:
             for alternative in registration.alternatives
         ],
         "ranges": range_counts(registration.ranges),
+        "findings": [finding_json(finding) for finding in registration.findings],
         "seconds": dict(registration.seconds),
     }
 

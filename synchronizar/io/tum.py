@@ -8,13 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Mask
 from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, is_number, open_text, quoted
 
 COLUMNS = 8
+LARGEST_UNIT = 1e3
+"""In a metre: positions may be in millimetres by mistake."""
 
 
 def read_tum(path: Path, up: Up = "z") -> Track:
@@ -24,7 +26,24 @@ def read_tum(path: Path, up: Up = "z") -> Track:
     Quaternions are normalised. Raises InputError where the file cannot be read or a line is not a pose.
     """
     rows = _read_rows(path)
+    for bad, fault in _faults(rows):
+        if bad.any():
+            line, _ = next(islice(_data_lines(path), int(bad.argmax()), None))
+            raise InputError(path, fault, line)
     return track_of_rows(rows, up)
+
+
+def read_usable_poses(path: Path, up: Up = "z") -> Track:
+    """The same without the poses that `read_tum` refuses; stamps of any size are taken.
+
+    Raises InputError where the file cannot be read, a line is not a pose, or no pose can be used.
+    """
+    rows = _read_rows(path)
+    usable = np.isfinite(rows).all(axis=1) & rows[:, 4:].any(axis=1)
+    usable &= (np.abs(rows[:, 1:4]) <= LARGEST_UNIT * MAX_LENGTH).all(axis=1)
+    if not usable.any():
+        raise InputError(path, "has no pose that can be used")
+    return track_of_rows(rows[usable], up)
 
 
 def track_of_rows(rows: Array, up: Up) -> Track:
@@ -55,7 +74,7 @@ def write_tum(path: Path, track: Track, up: Up = "z") -> None:
 
 
 def _read_rows(path: Path) -> Array:
-    """(n, 8) finite numbers of sensible size in the order of the file, no quaternion of zero length; n > 0."""
+    """(n, 8) numbers in the order of the file; n > 0."""
     if next(_data_lines(path), None) is None:
         raise InputError(path, "has no pose")
     with os_faults(path), open_text(path) as file:
@@ -65,16 +84,20 @@ def _read_rows(path: Path) -> Array:
             raise _first_malformed(path) from error
     if rows.shape[1] != COLUMNS:
         raise _first_malformed(path)
-    for bad, fault in (
-        (~np.isfinite(rows).all(axis=1), "a number is not finite"),
+    return np.asarray(rows)
+
+
+def _faults(rows: Array) -> list[tuple[Mask, str]]:
+    """Which poses (n,) cannot be used, and why."""
+    return [
+        (~np.asarray(np.isfinite(rows).all(axis=1)), "a number is not finite"),
         (np.abs(rows[:, 0]) > MAX_STAMP, f"the stamp is beyond {MAX_STAMP:g}; stamps are in seconds"),
-        ((np.abs(rows[:, 1:4]) > MAX_LENGTH).any(axis=1), f"the position is beyond {MAX_LENGTH:g} m"),
-        (~rows[:, 4:].any(axis=1), "the quaternion is zero"),
-    ):
-        if bad.any():
-            line, _ = next(islice(_data_lines(path), int(bad.argmax()), None))
-            raise InputError(path, fault, line)
-    return rows
+        (
+            np.asarray((np.abs(rows[:, 1:4]) > MAX_LENGTH).any(axis=1)),
+            f"the position is beyond {MAX_LENGTH:g} m",
+        ),
+        (~np.asarray(rows[:, 4:].any(axis=1)), "the quaternion is zero"),
+    ]
 
 
 def _data_lines(path: Path) -> Iterator[tuple[int, list[str]]]:

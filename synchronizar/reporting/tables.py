@@ -18,7 +18,8 @@ def registration_table(registration: Registration) -> str:
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     lines = ["  ".join([*_aligned(row[:-1], widths), row[-1]]).rstrip() for row in rows]
     counts = ", ".join(f"{count} {what}" for what, count in range_counts(registration.ranges).items())
-    return "\n".join([*lines, f"ranges: {counts}; {sum(registration.seconds.values()):.2f} s"])
+    lines.append(f"ranges: {counts}; {sum(registration.seconds.values()):.2f} s")
+    return "\n".join([*lines, *map(str, registration.findings)])
 
 
 def _table_row(registration: Registration, user: UserRegistration) -> tuple[str, ...]:

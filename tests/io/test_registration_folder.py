@@ -165,6 +165,7 @@ def test_the_contract_is_kept(registration: Registration) -> None:
             for cost, z in ((0.0, 3.0), (0.25, -3.0))
         ],
         "ranges": {"used": 3, "rejected": 1, "unusable": 2},
+        "findings": [],
         "seconds": {"load": 0.5, "initialise": 0.25, "solve": 1.0},
     }
 

@@ -1,0 +1,277 @@
+"""A solution adjusted once more, with heights and antenna delays free or held: what the ranges themselves say of these.
+
+Every user's corrected track is taken for rigid and may move by x, y, z, a turn about z, a scale and its radio's bias;
+the reference keeps its place. Gauss-Newton with a robust loss begins at the solution, at the same with one origin
+higher or lower, and at the same with all ranges longer or shorter: two devices that walk level feel a height by its
+square alone, so that zero is always a stationary point. How much worse it fits with heights (or delays) held at what
+the priors expect while the delays (or heights) are free is the evidence that heights (or delays) are others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices, Mask
+from synchronizar.data.recording import Recording
+from synchronizar.data.registration import Registration
+from synchronizar.parameters import Parameters
+
+MOST_RANGES = 800
+FEWEST_RANGES = 40
+X, Y, Z, YAW, BIAS, SCALE = range(6)
+TERMS = 6
+WIDE = (10.0, 10.0, 3.0, 3.0, 0.5, 0.05)
+"""1 sigma (m, m, m, rad, m, log) of priors that say nothing, and keep what nothing determines where it is; but SLAM's
+scale is held near 1, for a solution may have bent it to make up for a delay."""
+STEPS = 12
+SOFT = 2.0
+"""sigma from which on a residual loses its say (Cauchy)."""
+LEAST_SIGMA = 0.03
+"""m: no radio is better."""
+CORRELATION = 4.0
+"""Ranges whose errors hang together (multipath, drift) are worth a fourth as many."""
+HEIGHTS = (-1.4, -0.7, 0.7, 1.4)
+"""m: how much higher an origin is tried,"""
+BIASES = (-0.25, 0.25)
+"""and how much longer each radio makes its ranges."""
+REJECTED = 10.0
+"""Where a tenth of the ranges is rejected, what is left is worth half: among it are others that should be."""
+HELD = 0.03
+"""1 sigma (m) of heights and of delays that are held at what the priors expect."""
+MOST_KEPT = 6
+"""Of the minima that are found, the best so many are looked at."""
+MOST_USERS = 12
+"""A solution of more is not adjusted."""
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """What fits k users' ranges best."""
+
+    height: Array
+    """(k,) m: of each user's SLAM origin above the reference's; NaN where it has no ranges."""
+    height_sigma: Array
+    bias: Array
+    """(k,) m: what each radio adds to its ranges; NaN where it has none."""
+    bias_sigma: Array
+    mean_bias: float
+    """m: by how much ranges are too long on average, both radios together."""
+    against_heights: float
+    """Log likelihood that is lost when heights are held by their priors, delays free;"""
+    against_biases: float
+    """and when delays are, heights free."""
+    either_side: bool
+    """Whether the heights with the other sign fit nearly as well."""
+
+
+def adjusted(recording: Recording, registration: Registration) -> Adjustment | None:
+    """The adjustment of a solution; None where there is too little to adjust, or too much."""
+    k = len(recording.users)
+    if k > MOST_USERS or registration.reference is None or registration.reference not in registration.users:
+        return None
+    tracks = registration.tracks(recording)
+    ends = _ends(recording, registration)
+    if len(ends.i) < FEWEST_RANGES:
+        return None
+    count = np.bincount(np.concatenate([ends.i, ends.j]), minlength=k)
+    reference = recording.index(registration.reference)
+    static = np.array([user.static for user in recording.users])
+    free = np.zeros((k, TERMS), dtype=bool)
+    free[count > 0] = True
+    free[reference, :BIAS] = False
+    free[static, YAW] = free[static, SCALE] = False
+
+    # Heights of the origins as the solution has them, and biases: both are what the priors speak of.
+    origin, centre = np.zeros(k), np.zeros((k, 3))
+    for u, user in enumerate(recording.users):
+        if user.name not in tracks:
+            continue
+        centre[u] = tracks[user.name].position.mean(axis=0)
+        own = 0.0 if user.static else float(recording.tracks[user.name].position[0, 2])
+        origin[u] = tracks[user.name].position[0, 2] - own
+    origin -= origin[reference]
+    start = np.zeros((k, TERMS))
+    start[:, BIAS] = [registration.users[user.name].range_bias for user in recording.users]
+    mean = np.zeros((k, TERMS))
+    mean[:, Z] = -origin
+    mean[:, SCALE] = [
+        0.0 if frame is None else -np.log(frame.scale)
+        for frame in (registration.users[user.name].common_from_user for user in recording.users)
+    ]
+    parameters = Parameters()
+    wide = np.tile(WIDE, (k, 1))
+    wide[static, Z] = 2.0 * parameters.priors.static_height_sigma
+    level, exact = wide.copy(), wide.copy()
+    level[~static, Z] = HELD
+    exact[:, BIAS] = HELD
+
+    problem = _Problem(ends, free, centre, mean, max(_spread(_residuals(ends, centre, start)[0]), LEAST_SIGMA))
+    starts = _starts(start, free, static)
+    found = sorted((problem.solved(one, wide) for one in starts), key=lambda one: one.cost)[:MOST_KEPT]
+    problem = replace(problem, scale=max(_spread(_residuals(ends, centre, found[0].correction)[0]), LEAST_SIGMA))
+    found = [problem.solved(one.correction, wide) for one in found]
+    best = min(found, key=lambda one: one.cost)
+    begin = [start, *(one.correction for one in found)]
+    held = [min(problem.solved(one, sigmas).misfit for one in begin) for sigmas in (level, exact)]
+    sigma = np.sqrt(CORRELATION * np.diag(best.covariance)).reshape(k, TERMS)
+    verdicts = registration.ranges
+    doubt = CORRELATION * (1.0 + REJECTED * (1.0 - verdicts.used.sum() / verdicts.usable.sum()))
+    there = count > 0
+    height = origin + best.correction[:, Z]
+    c = best.correction
+    return Adjustment(
+        np.where(there, height, np.nan),
+        np.where(there, sigma[:, Z], np.nan),
+        np.where(there, c[:, BIAS], np.nan),
+        np.where(there, sigma[:, BIAS], np.nan),
+        float((c[ends.i, BIAS] + c[ends.j, BIAS]).mean()),
+        (held[0] - best.misfit) / doubt,
+        (held[1] - best.misfit) / doubt,
+        any(one.cost - best.cost < 3.0 * CORRELATION and _mirrored(one.correction, c, origin, free) for one in found),
+    )
+
+
+class _Ends(NamedTuple):
+    """Where n ranges were measured, in the common frame, and what."""
+
+    i: Indices
+    j: Indices
+    p: Array
+    """(n, 3) m: the antenna of i."""
+    q: Array
+    """(n, 3) m: that of j."""
+    distance: Array
+    """(n,) m."""
+
+
+class _Solved(NamedTuple):
+    correction: Array
+    """(k, 6)"""
+    covariance: Array
+    """(5 k, TERMS k)"""
+    misfit: float
+    """Robust negative log likelihood of the ranges,"""
+    cost: float
+    """and with the priors."""
+
+
+@dataclass(frozen=True)
+class _Problem:
+    ends: _Ends
+    free: Mask
+    """(k, 6)"""
+    centre: Array
+    """(k, 3) m: what each user turns about."""
+    mean: Array
+    """(k, 6) of the priors."""
+    scale: float
+    """m, 1 sigma of a range."""
+
+    def solved(self, c: Array, sigmas: Array) -> _Solved:
+        """The minimum near corrections c (k, 6), with priors of these sigmas (k, 6)."""
+        e, k, n = self.ends, len(c), len(self.ends.i)
+        rows, where = np.arange(n), np.flatnonzero(self.free.ravel())
+        weight_of_prior = 1.0 / sigmas.ravel()[where] ** 2
+        mean = self.mean.ravel()[where]
+        normal = np.diag(weight_of_prior)
+        for _ in range(STEPS):
+            residual, along, arm_i, arm_j = _residuals(e, self.centre, c)
+            jacobian = np.zeros((n, k, TERMS))
+            jacobian[rows, e.i, :3] += along
+            jacobian[rows, e.j, :3] -= along
+            jacobian[rows, e.i, YAW] += along[:, 1] * arm_i[:, 0] - along[:, 0] * arm_i[:, 1]
+            jacobian[rows, e.j, YAW] -= along[:, 1] * arm_j[:, 0] - along[:, 0] * arm_j[:, 1]
+            jacobian[rows, e.i, SCALE] += np.sum(along * arm_i, axis=1)
+            jacobian[rows, e.j, SCALE] -= np.sum(along * arm_j, axis=1)
+            jacobian[rows, e.i, BIAS] += 1.0
+            jacobian[rows, e.j, BIAS] += 1.0
+            a = jacobian.reshape(n, TERMS * k)[:, where]
+            weighted = a / (self.scale**2 * (1.0 + (residual / (SOFT * self.scale)) ** 2))[:, None]
+            normal = weighted.T @ a + np.diag(weight_of_prior)
+            now = c.ravel()[where]
+            step = np.linalg.solve(normal, weighted.T @ residual + weight_of_prior * (mean - now))
+            c = c.ravel().copy()
+            c[where] += np.clip(step, -0.5, 0.5)
+            c = c.reshape(k, TERMS)
+            if np.abs(step).max(initial=0.0) < 1e-3:
+                break
+        covariance = np.zeros((TERMS * k, TERMS * k))
+        covariance[np.ix_(where, where)] = np.linalg.inv(normal)
+        z = _residuals(e, self.centre, c)[0] / (SOFT * self.scale)
+        misfit = float(0.5 * SOFT**2 * np.log1p(z**2).sum())
+        away = (c.ravel()[where] - mean) ** 2 * weight_of_prior
+        return _Solved(c, covariance, misfit, misfit + 0.5 * float(away.sum()))
+
+
+def _residuals(e: _Ends, centre: Array, c: Array) -> tuple[Array, Array, Array, Array]:
+    """Residuals (n,), directions (n, 3) from j to i, and both turned and scaled arms (n, 3)."""
+    arm_i, arm_j = (
+        np.exp(c[w, SCALE])[:, None] * _turned(p - centre[w], c[w, YAW]) for p, w in ((e.p, e.i), (e.q, e.j))
+    )
+    apart = (arm_i + centre[e.i] + c[e.i, :3]) - (arm_j + centre[e.j] + c[e.j, :3])
+    distance = np.linalg.norm(apart, axis=1)
+    along = apart / np.maximum(distance, 1e-3)[:, None]
+    return e.distance - distance - c[e.i, BIAS] - c[e.j, BIAS], along, arm_i, arm_j
+
+
+def _starts(start: Array, free: Mask, static: Mask) -> list[Array]:
+    """The solution, the same with one origin higher or lower, and with longer or shorter ranges."""
+    starts = [start]
+    for u in np.flatnonzero(~static & free[:, BIAS]).tolist():
+        for height in HEIGHTS:
+            tried = start.copy()
+            if free[u, Z]:
+                tried[u, Z] += height
+            else:
+                tried[free[:, Z], Z] -= height
+            starts.append(tried)
+    for bias in BIASES:
+        tried = start.copy()
+        tried[free[:, BIAS], BIAS] = bias
+        starts.append(tried)
+    return starts
+
+
+def _ends(recording: Recording, registration: Registration) -> _Ends:
+    """Both ends of the ranges that the solution uses, evenly chosen, in the common frame."""
+    tracks = registration.tracks(recording)
+    usable = np.flatnonzero(registration.ranges.used)
+    if len(usable) > MOST_RANGES:
+        usable = usable[np.linspace(0, len(usable) - 1, MOST_RANGES).astype(int)]
+    r = recording.ranges.select(usable)
+    longest_gap = Parameters().slam.longest_pose_gap
+    common = replace(recording, tracks={n: tracks.get(n, track) for n, track in recording.tracks.items()})
+    place, known = np.zeros((2, len(r), 3)), np.ones(len(r), dtype=bool)
+    for u, user in enumerate(recording.users):
+        for end, (who, antenna) in enumerate(((r.a, r.antenna_a), (r.b, r.antenna_b))):
+            mine = np.flatnonzero(who == u)
+            if user.name not in tracks:
+                known[mine] = False
+            elif user.static:
+                place[end, mine] = tracks[user.name].position[0]
+            else:
+                own = tracks[user.name].t
+                t = np.clip(r.t[mine] + (registration.users[user.name].clock_offset or 0.0), own[0], own[-1])
+                place[end, mine], valid = common.antenna_positions(u, t, antenna[mine], longest_gap)
+                known[mine[~valid]] = False
+    return _Ends(r.a[known], r.b[known], place[0][known], place[1][known], r.distance[known])
+
+
+def _mirrored(one: Array, best: Array, origin: Array, free: Mask) -> bool:
+    """Whether the largest height of the best lies on the other side of 0 in the other."""
+    heights = np.where(free[:, Z], origin + best[:, Z], 0.0)
+    u = int(np.argmax(np.abs(heights)))
+    other = origin[u] + one[u, Z]
+    return bool(other * heights[u] < 0.0 and abs(other) > 0.5 * abs(heights[u]))
+
+
+def _turned(arm: Array, yaw: Array) -> Array:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1], arm[:, 2]])
+
+
+def _spread(residual: Array) -> float:
+    return 1.4826 * float(np.median(np.abs(residual - np.median(residual))))

@@ -1,0 +1,59 @@
+"""Two devices that carry each other's radio, found by what their ranges fit."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from synchronizar.data.findings import Code, Finding
+from synchronizar.data.recording import Recording
+from synchronizar.diagnosis.pair_fits import Groups, PairFits, fit_pairs
+
+MISFIT = 0.2
+"""m: ranges of devices that carry their own radios fit better."""
+BETTER = 0.5
+"""So much of the misfit is left when two radios are exchanged, on average,"""
+NO_WORSE = 1.1
+"""and in no stretch more than this."""
+FEWEST_GROUPS = 2
+MOST_USERS = 12
+
+
+def swapped_radio_findings(recording: Recording, in_metres: PairFits) -> list[Finding]:
+    """Of the two devices (the finding is the first one's) whose ranges fit far better with their radios exchanged.
+
+    By fits with all lengths in metres.
+    """
+    groups, spread = in_metres.groups, in_metres.spread
+    users = groups.users
+    taking_part = [u for u in np.unique(users).tolist() if not recording.users[u].static]
+    if len(taking_part) > MOST_USERS or not len(users):
+        return []
+    best: tuple[float, int, int, float, float] | None = None
+    for u, v in combinations(taking_part, 2):
+        affected = ((users == u).any(axis=1) ^ (users == v).any(axis=1)) & np.isfinite(spread)
+        before = float(np.median(spread[affected])) if affected.any() else 0.0
+        if affected.sum() < FEWEST_GROUPS or before < MISFIT:
+            continue
+        of = Groups(users[affected], groups.row[affected], groups.there[affected])
+        exchanged = fit_pairs(recording, of, free=False, swapped=(u, v)).spread
+        share = exchanged / np.maximum(spread[affected], 1e-9)
+        if np.isnan(share).any() or share.max() > NO_WORSE:
+            continue
+        left = float(np.exp(np.log(np.maximum(share, 1e-9)).mean()))
+        if left < BETTER and (best is None or left < best[0]):
+            best = left, u, v, before, float(np.median(exchanged))
+    if best is None:
+        return []
+    _, u, v, before, after = best
+    one, other = recording.users[u].name, recording.users[v].name
+    return [
+        Finding(
+            Code.SWAPPED_RADIOS,
+            one,
+            f"{one} and {other} likely carry each other's radio: with the two exchanged their ranges fit to "
+            f"{after:.2f} m, as they are to {before:.2f} m",
+            f"exchange {one} and {other} in ranges.csv",
+        )
+    ]

@@ -1,0 +1,85 @@
+"""Ranges that are there twice, and devices that have none."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from synchronizar.arrays import Mask
+from synchronizar.data.findings import Code, Finding
+from synchronizar.data.ranges import Ranges
+from synchronizar.data.recording import Recording
+
+HELD_SHARE = 0.25
+"""Ranges that equal the one before them, beyond what chance and standing still explain."""
+DISTANT_ROWS = 20
+"""So many ranges of a pair apart, equal numbers are chance."""
+FEWEST = 50
+
+
+def repeated_range_findings(recording: Recording) -> list[Finding]:
+    """Ranges that stand in the file more than once, and radios whose last number is written anew at each stamp."""
+    r = recording.ranges
+    copy = _copies(r)
+    seen, remedy = [], "write each measurement once"
+    if copy.any():
+        seen.append(
+            f"{copy.sum()} of {len(r)} ranges repeat another to the letter (time, devices, distance): they count once"
+        )
+    share, chance = _held_numbers(r.select(~copy))
+    if share - chance > HELD_SHARE:
+        seen.append(
+            f"{share:.0%} of the ranges have the very number of the one before of their pair (by chance {chance:.0%}): "
+            "likely a radio's last measurement under a new stamp"
+        )
+        remedy += ", with its own stamp"
+    return [Finding(Code.REPEATED_RANGES, None, "; ".join(seen), remedy)] if seen else []
+
+
+def no_range_findings(recording: Recording) -> list[Finding]:
+    """Of each user without a range; one for all (user None) where there is none at all."""
+    ranges = recording.ranges
+    if not len(ranges):
+        return [Finding(Code.NO_RANGES, None, "ranges.csv has no range", "nothing can be registered without ranges")]
+    count = np.bincount(np.concatenate([ranges.a, ranges.b]), minlength=len(recording.users))
+    return [
+        Finding(
+            Code.NO_RANGES,
+            user.name,
+            "it has no range with anybody",
+            "look whether its radio was on and whether ranges.csv names it the same way as its track",
+        )
+        for user, n in zip(recording.users, count.tolist(), strict=True)
+        if n == 0
+    ]
+
+
+def _copies(r: Ranges) -> Mask:
+    """(n,) which ranges repeat an earlier one to the letter, its two devices in either order."""
+    swap = r.a > r.b
+    columns = (
+        r.distance,
+        np.where(swap, r.antenna_a, r.antenna_b),
+        np.where(swap, r.antenna_b, r.antenna_a),
+        np.maximum(r.a, r.b),
+        np.minimum(r.a, r.b),
+        r.t,
+    )
+    order = np.lexsort(columns)
+    same = np.ones(max(len(r) - 1, 0), dtype=bool)
+    for column in columns:
+        same &= np.diff(column[order]) == 0
+    copy = np.zeros(len(r), dtype=bool)
+    copy[order[1:][same]] = True
+    return copy
+
+
+def _held_numbers(r: Ranges) -> tuple[float, float]:
+    """How many ranges equal the one before of their pair, and how many one of their pair that is not near; shares."""
+    order = np.lexsort((r.t, r.antenna_b, r.antenna_a, np.maximum(r.a, r.b), np.minimum(r.a, r.b)))
+    a, b, t, distance = (column[order] for column in (np.minimum(r.a, r.b), np.maximum(r.a, r.b), r.t, r.distance))
+
+    def equal_share(apart: int) -> float:
+        of_one = (a[apart:] == a[:-apart]) & (b[apart:] == b[:-apart]) & (t[apart:] > t[:-apart])
+        return float((distance[apart:] == distance[:-apart])[of_one].mean()) if of_one.sum() >= FEWEST else 0.0
+
+    return equal_share(1), equal_share(DISTANT_ROWS)

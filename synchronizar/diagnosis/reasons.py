@@ -1,0 +1,58 @@
+"""States that a finding explains say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from synchronizar.data.findings import Code, Finding
+from synchronizar.data.registration import Registration, State
+
+CAUSES = (
+    Code.TIME_UNIT,
+    Code.TIME_OVERLAP,
+    Code.NO_RANGES,
+    Code.CLOCK,
+    Code.RANGE_UNIT,
+    Code.TRACK_UNIT,
+    Code.UP_AXIS,
+    Code.OPTICAL_AXES,
+    Code.QUATERNION_ORDER,
+    Code.SWAPPED_RADIOS,
+    Code.SPARSE_POSES,
+    Code.HEIGHT,
+    Code.RANGE_BIAS,
+    Code.NEVER_MOVES,
+    Code.FROZEN_POSES,
+)
+"""What keeps a user from being registered, the gravest first."""
+CUTS_OFF = (Code.TIME_UNIT, Code.TIME_OVERLAP, Code.NO_RANGES, Code.RANGE_UNIT, Code.SPARSE_POSES)
+"""What leaves a user without a usable range."""
+OF_ALL = (Code.TIME_UNIT, Code.NO_RANGES, Code.CLOCK, Code.RANGE_UNIT)
+"""What spoils everybody's where it is nobody's in particular."""
+
+
+def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Registration:
+    """The registration with its findings, and with these as the reasons of users that are not registered.
+
+    Of a user that is disconnected only what leaves it, or the reference, without ranges explains it.
+    """
+    reference = registration.reference
+    users = {}
+    for name, user in registration.users.items():
+        if user.state is State.DISCONNECTED:
+            cause, of_reference = (_cause(findings, who, CUTS_OFF) for who in (name, reference))
+            if cause is not None:
+                user = replace(user, reason=cause.message)
+            elif of_reference is not None:
+                user = replace(user, reason=f"{user.reason}, {reference}: {of_reference.message}")
+        elif user.state is not State.REGISTERED and (cause := _cause(findings, name, CAUSES)) is not None:
+            user = replace(user, reason=cause.message)
+        users[name] = user
+    return replace(registration, users=users, findings=tuple(findings))
+
+
+def _cause(findings: Sequence[Finding], name: str | None, codes: Sequence[Code]) -> Finding | None:
+    """The gravest of a user's own findings with these codes, else of those that are everybody's."""
+    own = [f for f in findings if f.code in codes and (f.code in OF_ALL if f.user is None else f.user == name)]
+    return min(own, key=lambda f: (f.user is None, codes.index(f.code)), default=None)

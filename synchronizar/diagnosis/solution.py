@@ -1,0 +1,149 @@
+"""What only a solution shows: clocks seconds off, origins that lie too high or too low, and antenna delays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+
+import numpy as np
+
+from synchronizar.data.findings import Code, Finding
+from synchronizar.data.recording import Recording
+from synchronizar.data.registration import Registration, State
+from synchronizar.diagnosis.adjustment import Adjustment, adjusted
+from synchronizar.diagnosis.clock_shift import clock_shift_findings
+from synchronizar.diagnosis.poses import without_frozen_poses
+from synchronizar.diagnosis.stamps import without_stray_poses
+from synchronizar.parameters import Parameters
+
+AGAINST_HEIGHTS, AGAINST_BIASES = 5.0, 4.0
+"""Log likelihood that heights, or delays, as the priors expect them have to cost."""
+HEIGHT_SIGMAS = 3.0
+"""An origin is too high or too low from so many times its height_sigma on."""
+AGAINST_HEIGHTS_LOST, HEIGHT_SIGMAS_LOST = 3.0, 2.0
+"""The same of a user that is not registered: there it is an explanation."""
+COMMON_BIAS_M = 0.25
+"""m, of both radios together: more than calibrated radios are off."""
+OWN_BIAS_M = 0.25
+"""m: by which a radio differs from the others."""
+OWN_BIAS_SIGMAS = 5.0
+SUSPECT = 0.5
+"""A solution whose users are all registered is adjusted where a height or delay exceeds this share of its limit."""
+CAUSES = frozenset(
+    {
+        Code.TIME_UNIT,
+        Code.RANGE_UNIT,
+        Code.TRACK_UNIT,
+        Code.UP_AXIS,
+        Code.OPTICAL_AXES,
+        Code.QUATERNION_ORDER,
+        Code.SWAPPED_RADIOS,
+    }
+)
+"""What spoils a solution so that its heights and delays mean nothing."""
+
+
+def findings_of_solution(
+    recording: Recording, registration: Registration, found: Sequence[Finding] = ()
+) -> list[Finding]:
+    """What a solution shows besides what was `found` without it; nothing where that spoils the solution."""
+    if spoils(found) or not _suspect(recording, registration):
+        return []
+    if shifted := clock_shift_findings(without_frozen_poses(without_stray_poses(recording))):
+        return shifted
+    adjustment = adjusted(recording, registration)
+    if adjustment is None:
+        return []
+    return [*_heights(recording, registration, adjustment), *_biases(recording, adjustment)]
+
+
+def spoils(found: Sequence[Finding]) -> bool:
+    """Whether something was found that makes a solution meaningless."""
+    return any(finding.code in CAUSES for finding in found)
+
+
+def _suspect(recording: Recording, registration: Registration) -> bool:
+    high = SUSPECT * HEIGHT_SIGMAS * Parameters().priors.height_sigma
+    for user in recording.users:
+        one = registration.users[user.name]
+        if one.state is not State.REGISTERED or abs(one.range_bias) > SUSPECT * 0.5 * COMMON_BIAS_M:
+            return True
+        frame = one.common_from_user
+        if frame is not None and not user.static and abs(frame.z) > high:
+            return True
+    return False
+
+
+def _heights(recording: Recording, registration: Registration, adjustment: Adjustment) -> list[Finding]:
+    """Of each moving user whose origin is too far above or below the mean of the others', the farthest first.
+
+    Whose is reported no longer counts among the others. Of two the one that is not the reference is reported.
+    """
+    level = [u for u, user in enumerate(recording.users) if not user.static and np.isfinite(adjustment.height[u])]
+    found = []
+    while len(level) > 1:
+        away = {u: _above(adjustment, u, [v for v in level if v != u]) for u in level}
+        u = max(level, key=lambda v: (abs(away[v][0]), recording.users[v].name != registration.reference))
+        user, (height, sigma) = recording.users[u], away[u]
+        allowed = user.height_sigma or Parameters().priors.height_sigma
+        registered = registration.users[user.name].state is State.REGISTERED
+        sigmas, least = (HEIGHT_SIGMAS, AGAINST_HEIGHTS) if registered else (HEIGHT_SIGMAS_LOST, AGAINST_HEIGHTS_LOST)
+        if adjustment.against_heights < least or abs(height) - 0.5 * sigma < sigmas * allowed:
+            break
+        level.remove(u)
+        than = f"{recording.users[level[0]].name}'s" if len(level) == 1 else "the others'"
+        side = "higher or lower" if adjustment.either_side else "lower" if height < 0.0 else "higher"
+        found.append(
+            Finding(
+                Code.HEIGHT,
+                user.name,
+                f"its origin would have to lie {abs(height):.1f} m {side} than {than} for its ranges to fit "
+                f"(1 sigma {sigma:.2f} m), its height_sigma is {allowed:g} m",
+                f"say `height_sigma = {ceil(10.0 * abs(height)) / 10.0:.1f}` under [users.{user.name}] in "
+                "recording.toml where that can be",
+            )
+        )
+    return found
+
+
+def _above(adjustment: Adjustment, u: int, others: list[int]) -> tuple[float, float]:
+    """How far (m) a user's origin lies above the mean of the others', and 1 sigma of that."""
+    height = float(adjustment.height[u] - adjustment.height[others].mean())
+    spread = float(np.sqrt(np.sum(adjustment.height_sigma[others] ** 2))) / len(others)
+    return height, float(np.hypot(adjustment.height_sigma[u], spread))
+
+
+def _biases(recording: Recording, adjustment: Adjustment) -> list[Finding]:
+    """Of the delay that all ranges have in common (user None), and of each radio that differs from the others."""
+    if adjustment.against_biases < AGAINST_BIASES:
+        return []
+    found = []
+    mean = adjustment.mean_bias
+    if abs(mean) > COMMON_BIAS_M:
+        found.append(
+            Finding(
+                Code.RANGE_BIAS,
+                None,
+                f"ranges are likely too {'long' if mean > 0.0 else 'short'} by {abs(mean):.2f} m on average: antenna "
+                "delays",
+                f"calibrate the radios' antenna delays, or {'subtract' if mean > 0.0 else 'add'} {abs(mean):.2f} m",
+            )
+        )
+    there = np.flatnonzero(np.isfinite(adjustment.bias))
+    if len(there) < 3:
+        return found
+    common = float(np.median(adjustment.bias[there]))
+    for u in there.tolist():
+        own = float(adjustment.bias[u] - common)
+        if abs(own) > max(OWN_BIAS_M, OWN_BIAS_SIGMAS * float(adjustment.bias_sigma[u])):
+            name = recording.users[u].name
+            found.append(
+                Finding(
+                    Code.RANGE_BIAS,
+                    name,
+                    f"its radio likely makes ranges {abs(own):.2f} m {'longer' if own > 0.0 else 'shorter'} than the "
+                    f"others do (1 sigma {adjustment.bias_sigma[u]:.2f} m)",
+                    "calibrate its antenna delay",
+                )
+            )
+    return found

@@ -1,0 +1,170 @@
+"""Stamps that are no seconds, and single poses stamped far away from all others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from synchronizar.arrays import Array, Mask
+from synchronizar.data.findings import Code, Finding
+from synchronizar.data.recording import Recording
+from synchronizar.data.track import Track
+from synchronizar.preprocessing.suspect_poses import stray_poses
+
+UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+"""How many of each make a second."""
+EPOCH_S = (5e8, 1e10)
+"""s since 1970: from 1985 on; it is 1.8e9, and in milliseconds 1.8e12."""
+FEWEST_POSES = 10
+SLOWEST_POSES_S = 4.0
+"""s between poses: no SLAM is so slow."""
+FASTEST_POSES_S = 5e-4
+SLOWEST_WALK = 0.02
+"""m/s: slower than anybody who moves."""
+COVERED, UNCOVERED = 0.8, 0.2
+"""Shares of the ranges that fall within the time of a track where the unit is right, and where it is wrong."""
+LEAST_EXTENT = 0.1
+"""m: a track that extends less tells nothing of how fast its device moves."""
+
+
+def stray_stamp_findings(recording: Recording) -> list[Finding]:
+    """Of each track in which a few poses are stamped far away from all others."""
+    found = []
+    for name, track in recording.tracks.items():
+        stray = stray_poses(track)
+        if not stray.any():
+            continue
+        t, others = track.t[stray], track.t[~stray]
+        away = np.maximum(t - others[-1], others[0] - t).max()
+        which = "one pose is" if len(t) == 1 else f"{len(t)} poses are"
+        found.append(
+            Finding(
+                Code.STRAY_STAMP,
+                name,
+                f"{which} stamped {duration(float(away))} away from the other {len(others)} (at {t[0]:.3f}; they are "
+                f"at {others[0]:.3f} to {others[-1]:.3f})",
+                "remove the line from its track" if len(t) == 1 else "remove these lines from its track",
+            )
+        )
+    return found
+
+
+def time_unit_findings(recording: Recording) -> list[Finding]:
+    """Of each track, and of the ranges (user None), whose stamps are no seconds."""
+    found = []
+    for name, unit in track_units(recording).items():
+        t = recording.tracks[name].t
+        found.append(
+            Finding(
+                Code.TIME_UNIT,
+                name,
+                f"its stamps are likely {unit}: its {len(t)} poses are {np.median(np.diff(t)):.4g} apart and span "
+                f"{t[-1] - t[0]:.6g}",
+                f"divide the stamps of its track by {UNITS[unit]:g}: they are read as seconds",
+            )
+        )
+    if (unit_of_ranges := range_unit(recording)) is not None:
+        t = recording.ranges.t
+        found.append(
+            Finding(
+                Code.TIME_UNIT,
+                None,
+                f"the stamps of ranges.csv are likely {unit_of_ranges}: {len(t)} ranges span {np.ptp(t):.6g}",
+                f"divide its column t by {UNITS[unit_of_ranges]:g}: stamps are read as seconds",
+            )
+        )
+    return found
+
+
+def in_seconds(recording: Recording) -> Recording:
+    """The same recording with the stamps that are no seconds divided so that they are."""
+    units, of_ranges = track_units(recording), range_unit(recording)
+    tracks = {
+        name: replace(track, t=track.t / UNITS[units[name]]) if name in units else track
+        for name, track in recording.tracks.items()
+    }
+    ranges = recording.ranges
+    if of_ranges is not None:
+        ranges = replace(ranges, t=ranges.t / UNITS[of_ranges])
+    return replace(recording, tracks=tracks, ranges=ranges)
+
+
+def without_stray_poses(recording: Recording) -> Recording:
+    """The same recording without the poses that are stamped far away from all others."""
+    tracks = {}
+    for name, track in recording.tracks.items():
+        stray = stray_poses(track)
+        tracks[name] = chosen(track, ~stray) if stray.any() else track
+    return replace(recording, tracks=tracks)
+
+
+def chosen(track: Track, which: Mask) -> Track:
+    """The poses of a track that a mask picks."""
+    return Track(track.t[which], track.position[which], track.quat_xyzw[which])
+
+
+def track_units(recording: Recording) -> dict[str, str]:
+    """The unit of each track's stamps, of those alone that are no seconds."""
+    units = {}
+    for name, track in recording.tracks.items():
+        unit = _unit_by_rate(track) or _unit_by_size(track.t)
+        if unit is not None:
+            units[name] = unit
+    return units
+
+
+def range_unit(recording: Recording) -> str | None:
+    """The unit of the ranges' stamps; None where they are seconds."""
+    t = recording.ranges.t
+    if not len(t):
+        return None
+    if (by_size := _unit_by_size(t)) is not None:
+        return by_size
+    units = track_units(recording)
+    spans = [
+        (track.t[0] / UNITS.get(units.get(name, ""), 1.0), track.t[-1] / UNITS.get(units.get(name, ""), 1.0))
+        for name, track in recording.tracks.items()
+    ]
+    if not spans or _covered(t, spans) > UNCOVERED or len(t) < 2 or np.median(np.diff(np.sort(t))) == 0.0:
+        return None
+    for unit, per_second in UNITS.items():
+        longest = max(end - begin for begin, end in spans)
+        if _covered(t / per_second, spans) > COVERED and np.ptp(t) > 10.0 * longest:
+            return unit
+    return None
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it: 12.3 s, 5.0 min, 2.00 h, 3.0 days, 53.9 years."""
+    size = abs(seconds)
+    for limit, unit, form in ((120.0, 1.0, ".1f s"), (7200.0, 60.0, ".1f min"), (1.728e5, 3600.0, ".2f h")):
+        if size < limit:
+            number, word = form.split(" ")
+            return f"{size / unit:{number}} {word}"
+    return f"{size / 86400.0:.1f} days" if size < 3.2e7 else f"{size / 31556952.0:.1f} years"
+
+
+def _unit_by_size(t: Array) -> str | None:
+    """Since 1970, by its size."""
+    middle = float(np.median(t))
+    return next((u for u, per_second in UNITS.items() if EPOCH_S[0] < middle / per_second < EPOCH_S[1]), None)
+
+
+def _unit_by_rate(track: Track) -> str | None:
+    """Since any other moment, by how slowly poses follow one another and how slowly the device would move."""
+    if len(track) < FEWEST_POSES:
+        return None
+    dt = np.diff(track.t)
+    interval = float(np.median(dt))
+    if interval < SLOWEST_POSES_S or track.extent() < LEAST_EXTENT:
+        return None
+    speed = float(np.median(np.linalg.norm(np.diff(track.position, axis=0), axis=1) / dt))
+    if speed > SLOWEST_WALK:
+        return None
+    return next((u for u, per_second in UNITS.items() if FASTEST_POSES_S < interval / per_second < 1.0), None)
+
+
+def _covered(t: Array, spans: list[tuple[float, float]]) -> float:
+    """The largest share of the stamps that fall within any one span."""
+    return max(float(((t >= begin) & (t <= end)).mean()) for begin, end in spans)

@@ -1,0 +1,70 @@
+"""What `check` says of a recording: as a table to read, and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from synchronizar.data.findings import Finding, finding_json
+from synchronizar.diagnosis.summary import Summary
+
+DEVICE_HEAD = ("user", "poses", "Hz", "extent (m)", "ranges", "place known")
+PAIR_HEAD = ("pair", "ranges", "usable", "Hz", "median (m)")
+
+
+def check_json(summary: Summary, findings: Sequence[Finding], refused: str | None) -> dict[str, Any]:
+    """One object: findings, users by name, ranges; s, m, Hz. `refused`: why `register` does not take it, or None."""
+    users = {}
+    for device in summary.devices:
+        users[device.name] = {key: value for key, value in asdict(device).items() if key != "name"}
+    ranges = {key: value for key, value in asdict(summary).items() if key not in ("devices", "pairs", "ranges")}
+    return {
+        "findings": [finding_json(finding) for finding in findings],
+        "users": users,
+        "ranges": {"count": summary.ranges, **ranges, "pairs": [asdict(pair) for pair in summary.pairs]},
+        "refused": refused,
+    }
+
+
+def check_table(summary: Summary, findings: Sequence[Finding]) -> str:
+    """A row for each device and each pair, then a line for each finding."""
+    devices = [
+        (
+            device.name,
+            "static" if device.static else str(device.poses),
+            _cell(device.rate, ".1f"),
+            _cell(device.extent, ".2f"),
+            str(device.ranges),
+            _cell(device.coverage, ".0%"),
+        )
+        for device in summary.devices
+    ]
+    pairs = [
+        (f"{p.a} - {p.b}", str(p.ranges), str(p.usable), _cell(p.rate, ".1f"), _cell(p.median, ".2f"))
+        for p in summary.pairs
+    ]
+    lines = [*_table(DEVICE_HEAD, devices), "", *(_table(PAIR_HEAD, pairs) if pairs else ["no ranges"])]
+    if summary.no_distance:
+        lines.append(f"{summary.no_distance} of {summary.ranges} ranges have a number that can be no distance")
+    return "\n".join([*lines, "", *findings_lines(findings)])
+
+
+def findings_lines(findings: Sequence[Finding]) -> list[str]:
+    """A line for each finding; one that says so where there is none."""
+    return [str(finding) for finding in findings] or ["nothing looks wrong"]
+
+
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Names to the left, numbers to the right."""
+    widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
+    return [
+        "  ".join(
+            cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in [head, *rows]
+    ]
+
+
+def _cell(number: float | None, form: str) -> str:
+    return "-" if number is None else format(number, form)

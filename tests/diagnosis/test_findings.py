@@ -1,0 +1,157 @@
+"""Mistakes made by hand are told as what they are, and nothing is told where nothing is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pytest
+from support.mistakes import MISTAKES, Mistake, of_ranges
+from support.paths import SHARED
+
+from synchronizar.data.findings import Code, Finding, finding_json
+from synchronizar.data.recording import Recording
+from synchronizar.diagnosis import findings_of
+from synchronizar.simulation.simulate import Scene, simulate
+
+SEEDS = (1, 2)
+REAL_TROUBLES = {
+    "clock_offset_sigma": 0.04,
+    "bias_sigma": 0.05,
+    "scale_sigma": 0.03,
+    "drift_m_per_sqrt_s": 0.007,
+    "drift_rad_per_sqrt_s": 0.004,
+}
+CLEAN: list[dict[str, Any]] = [
+    {},
+    {"users": 6, "late_share": 0.3},
+    {"walk": ("line",)},
+    {"walk": ("still",)},
+    {"walk": ("free", "still", "line"), "users": 4, "static_radios": 2},
+    dict(antennas=2, late_share=0.2, seconds=30.0, **REAL_TROUBLES),
+    {"users": 2, "static_radios": 3, "links": "star"},
+    dict(jumps=2, late_share=0.2, seconds=40.0, **REAL_TROUBLES),
+    {"late_joiners": 1, "loss": 0.3},
+    {"height_bob": 0.0, "speed": 0.3, "area": 15.0},
+]
+
+
+@cache
+def walk(seed: int) -> Recording:
+    return simulate(Scene(users=3, seconds=20.0, seed=seed, late_share=0.1 * (seed % 2))).recording
+
+
+def told(findings: list[Finding]) -> set[tuple[str, str | None]]:
+    return {(str(finding.code), finding.user) for finding in findings}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
+def test_a_mistake_is_told_as_what_it_is_and_as_nothing_else(mistake: Mistake, seed: int) -> None:
+    expected = {(mistake.code, user) for user in mistake.users}
+    if mistake.code == Code.CLOCK:
+        # That it has no range within its time is true too.
+        expected |= {(str(Code.TIME_OVERLAP), user) for user in mistake.users}
+    assert told(findings_of(mistake.make(walk(seed)))) == expected
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("settings", CLEAN, ids=str)
+def test_nothing_is_told_of_a_clean_walk(settings: dict[str, Any], seed: int) -> None:
+    scene = Scene(**({"users": 3, "seconds": 12.0, "seed": seed} | settings))
+    assert findings_of(simulate(scene).recording) == []
+
+
+def test_nothing_is_told_of_a_clean_walk_with_y_up_that_says_so(tmp_path: Any) -> None:
+    simulate(Scene(users=3, up="y", seed=3)).save(tmp_path)
+    assert findings_of(Recording.load(tmp_path)) == []
+
+
+def test_two_mistakes_are_both_told() -> None:
+    y_up = next(m for m in MISTAKES if m.name == "y up, taken for z up")
+    millimetres = of_ranges(distance=lambda d: 1e3 * d)
+    found = told(findings_of(millimetres(y_up.make(walk(1)))))
+    assert found == {("range-unit", None), *(("up-axis", f"phone{n}") for n in range(3))}
+
+
+def test_both_spans_are_told_where_times_do_not_overlap() -> None:
+    mistake = next(m for m in MISTAKES if m.name == "tracks by uptime, ranges since 1970")
+    message = findings_of(mistake.make(walk(1)))[0].message
+    assert "its track is 81234." in message
+    assert "its ranges are 1700000000." in message
+
+
+def test_numbers_that_make_it_likely_are_told() -> None:
+    feet = of_ranges(distance=lambda d: d / 0.3048)(walk(2))
+    (finding,) = findings_of(feet)
+    assert "likely in feet" in finding.message
+    assert "3." in finding.message
+    assert finding.remedy.startswith("divide the column range by 3.2808")
+
+
+def test_a_finding_is_one_line_and_one_json_object() -> None:
+    finding = Finding(Code.UP_AXIS, "ann", "its y axis is vertical", 'say `up = "y"`')
+    assert str(finding) == 'up-axis: ann: its y axis is vertical; say `up = "y"`'
+    assert finding_json(finding) == {
+        "code": "up-axis",
+        "user": "ann",
+        "message": "its y axis is vertical",
+        "remedy": 'say `up = "y"`',
+    }
+
+
+def test_nothing_is_changed_and_nothing_breaks_on_hardly_any_data() -> None:
+    recording = walk(1)
+    before = recording.ranges.distance.copy(), recording.tracks["phone0"].position.copy()
+    findings_of(recording)
+    assert (recording.ranges.distance == before[0]).all()
+    assert (recording.tracks["phone0"].position == before[1]).all()
+    for count in (0, 1, 2, 30):
+        findings_of(replace(recording, ranges=recording.ranges.select(np.arange(count))))
+    one = {
+        n: replace(t, t=t.t[:1], position=t.position[:1], quat_xyzw=t.quat_xyzw[:1])
+        for n, t in recording.tracks.items()
+    }
+    findings_of(replace(recording, tracks=one))
+
+
+def test_twenty_thousand_ranges_take_less_than_a_quarter_of_a_second() -> None:
+    # 0.065 s on an idle machine.
+    recording = simulate(Scene(users=10, seconds=167.0, rate_hz=2.67)).recording
+    assert len(recording.ranges) > 20_000
+    findings_of(recording)
+    times = []
+    for _ in range(3):
+        began = perf_counter()
+        findings_of(recording)
+        times.append(perf_counter() - began)
+    assert min(times) < 0.25
+
+
+EXPECTED = {
+    "cases/boot_vs_epoch": {("time-overlap", "ann"), ("time-overlap", "ben")},
+    "cases/frozen": {("frozen-poses", "ben")},
+    "cases/future_one": {("stray-stamp", "ben")},
+    "cases/zero_first": {("stray-stamp", "ann"), ("stray-stamp", "ben")},
+    "cases/wxyz": {("quaternion-order", name) for name in ("ann", "ben", "cleo")},
+    "cases/room": {("never-moves", "room")},
+    "cases/one_jump": set(),
+    "cases/robot_person_0.6": set(),
+    "cases/truth_1hz_phase": set(),
+    "recordings/cmu_scott": set(),
+    "recordings/miluv_hist": set(),
+    "recordings/tiers5_cora": set(),
+    "recordings/tiers_case4_k7": {("repeated-ranges", None), ("never-moves", "r1"), ("never-moves", "r2")},
+    "recordings/vub_exp2": set(),
+    "recordings/vub_exp4": set(),
+}
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_of_real_recordings_and_cases_what_is_known_of_them_is_told(name: str) -> None:
+    if not (SHARED / name).is_dir():
+        pytest.skip(f"{SHARED / name} is not there")
+    assert told(findings_of(Recording.load(SHARED / name))) == EXPECTED[name]
