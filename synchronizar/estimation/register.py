@@ -42,8 +42,8 @@ def register(
     """Where every user's frame lies in the reference's, how sure that is, and which ranges it rests on.
 
     `model` full: SLAM may drift, jump, have a wrong scale and clock, radios a bias. rigid: SLAM is trusted, one frame
-    per user and nothing else. `progress` hears what share of the work is done. Raises InputError where `reference` is nobody or a radio that stands still, or where
-    nobody can be the reference. What cannot be answered is told as a state.
+    per user and nothing else. `progress` hears what share of the work is done. Raises InputError where `reference` is
+    nobody or a static radio, or where nobody can be the reference. What cannot be answered is told as a state.
     """
     parameters = parameters or Parameters()
     began = perf_counter()

@@ -248,8 +248,8 @@ class PoseGraph:
     ) -> tuple[States, EmWeights, float]:
         """States, EM weights and cost at a local optimum: optimises the states and re-estimates the weights in turn.
 
-        Expectation maximisation; stops when a round lowers the cost by less than the graph's gain, or after `rounds`; or
-        when, after a round, the states are `known` (the cost returned is then that before it) or cost more than
+        Expectation maximisation; stops when a round lowers the cost by less than the graph's gain, or after `rounds`;
+        or when, after a round, the states are `known` (the cost returned is then that before it) or cost more than
         `hopeless`.
         """
         return finish(self.running_em(states, em_weights, rounds, annealing, known=known, hopeless=hopeless))
