@@ -10,12 +10,17 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.assessment import outcome
+from synchronizar.data.registration import Registration, UserRegistration
+from synchronizar.data.track import Track
+from synchronizar.estimation.answer import OwnFrames, registration_of
+from synchronizar.estimation.assessment import Assessment, assess_calibrated
 from synchronizar.estimation.initialisation import connected
 from synchronizar.estimation.local_optima import BETTER, LocalOptimum, compare, refine, with_measured_weights
-from synchronizar.estimation.outcome import Outcome
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
+from synchronizar.estimation.slips import slips
+from synchronizar.geometry import apply_frames, multiply_quaternions, wrap_angle, yaw_of_quaternions, yaw_quaternion
 from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.states import SCALE, common_track
 from synchronizar.graph.step_noise import step_noise
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, keyframes_of
@@ -35,12 +40,68 @@ class Solved(NamedTuple):
     """s, perf_counter at the end of the search."""
 
 
-def register_full(recording: Recording, reference: int, parameters: Parameters, progress: Progress) -> Outcome:
-    """The outcome of a recording: every user's frame, drift, scale, clock offset, radio bias and verdict."""
+def register_full(recording: Recording, reference: int, parameters: Parameters, progress: Progress) -> Registration:
+    """The registration of a recording: every user's frame, drift, scale, clock offset, radio bias and verdict."""
+    began = perf_counter()
     repaired_tracks = {name: repair_relocalizations(track, parameters) for name, track in recording.tracks.items()}
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
-    minima, noise, searched = solve(repaired, repaired_tracks, reference, parameters, stage(progress, 0.0, 0.9))
-    return outcome(recording, repaired, repaired_tracks, minima, noise, searched, parameters)
+    optima, noise, searched = solve(repaired, repaired_tracks, reference, parameters, stage(progress, 0.0, 0.9))
+    assessed = assess_calibrated(optima, repaired, parameters)
+    own = _own_frames(recording, repaired_tracks, optima[0])
+    name, count = recording.users[reference].name, len(recording.ranges)
+    registration = registration_of(assessed, own, name, count, {})
+    users = {
+        user.name: _with_slam(registration.users[user.name], u, repaired_tracks, assessed, repaired, own, noise[u])
+        for u, user in enumerate(recording.users)
+        if not user.static
+    }
+    seconds = {"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched}
+    return replace(registration, users={**registration.users, **users}, seconds=seconds)
+
+
+def _own_frames(recording: Recording, repaired_tracks: dict[str, RepairedTrack], best: LocalOptimum) -> OwnFrames:
+    """How users' frames lie beside their last keyframes; the common frame is the reference's at its first pose."""
+    k, graph = len(recording.users), best.graph
+    scale, turned, last = np.ones(k), np.zeros(k), np.zeros((k, 3))
+    for u, user in enumerate(recording.users):
+        if not user.static:
+            scale[u] = np.exp(best.states.calibration[u, SCALE])
+            turned[u] = yaw_of_quaternions(repaired_tracks[user.name].repaired_from_slam[-1:])[0]
+            last[u] = recording.tracks[user.name].position[-1]
+    origin = scale[graph.reference] * graph.keyframes[graph.reference].anchor
+    return OwnFrames(scale, turned, last, np.append(origin, 0.0), origin)
+
+
+def _with_slam(
+    user: UserRegistration,
+    u: int,
+    repaired_tracks: dict[str, RepairedTrack],
+    assessed: Assessment,
+    repaired: Recording,
+    own: OwnFrames,
+    noise: Array,
+) -> UserRegistration:
+    """A user with a track, with what is known of its SLAM: jumps and slips, noise factors, the corrected track."""
+    graph, states = assessed.optimum.graph, assessed.optimum.states
+    jumps, track = repaired_tracks[user.name].jumps, repaired.tracks[user.name]
+    user = replace(user, slam_noise=None if u not in graph.active_users else (float(noise[0]), float(noise[1])))
+    if u not in graph.active_users:
+        return replace(user, jumps=jumps)
+    found = [*jumps, *slips(states, graph, u, track)]
+    common, _ = common_track(states, u, graph.keyframes[u], track)
+    common = _moved(common, assessed.optimum.frames[u], assessed.hypotheses[0].frames[u])
+    common = replace(common, position=common.position + own.common[:3])
+    return replace(user, jumps=tuple(sorted(found, key=lambda jump: jump.t)), common_track=common)
+
+
+def _moved(track: Track, optimum: Array, mean: Array) -> Track:
+    """A track as the best optimum has it, moved and turned as a whole so that it ends where the mean of all has it.
+
+    `optimum` and `mean` (4,) are x, y, z, yaw of the last keyframe.
+    """
+    turn = wrap_angle(float(mean[3] - optimum[3]))
+    position = apply_frames(np.array([*mean[:3], turn]), track.position - optimum[:3])
+    return replace(track, position=position, quat_xyzw=multiply_quaternions(yaw_quaternion(turn), track.quat_xyzw))
 
 
 def solve(

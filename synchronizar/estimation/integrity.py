@@ -12,7 +12,6 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
 from synchronizar.estimation.hypotheses import Hypothesis, moved, places
-from synchronizar.estimation.residual_statistics import ResidualStatistics
 from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import Parameters
 
@@ -45,7 +44,8 @@ class Verdict(NamedTuple):
 
 def verdicts(
     found: list[Hypothesis],
-    fit: dict[int, ResidualStatistics],
+    rejected: Array,
+    systematic: Collection[int],
     graph: GraphUsers,
     extent: Array,
     parameters: Parameters,
@@ -53,9 +53,9 @@ def verdicts(
 ) -> list[Verdict | None]:
     """The verdict on each active user, None for the others.
 
-    `found` are the hypotheses, best first, `fit` the residual statistics by user, `extent` (k, c, 3) m the extent
-    points of each user's track in its own frame. Users that are `registered` already stay so up to a higher
-    probability of being wrong.
+    `found` are the hypotheses, best first, `rejected` (k,) the share of each user's ranges that do not fit,
+    `systematic` users whose residuals are no noise, `extent` (k, c, 3) m the extent points of each user's track in its
+    own frame. Users that are `registered` already stay so up to a higher probability of being wrong.
     """
     best = found[0]
     apart = np.zeros(len(graph.users))
@@ -72,9 +72,8 @@ def verdicts(
         )
         wrong_share = parameters.integrity.wrong_share_kept if u in registered else parameters.integrity.wrong_share
         state, reason, direction = _state(best, u, graph.users[u].static, extent[u], wrong_share, parameters)
-        inconsistent = fit[u].rejected > 0.5 and fit[u].inflation > parameters.integrity.systematic_inflation
-        if inconsistent or fit[u].rejected > parameters.integrity.largest_rejected:
-            reason = f"{fit[u].rejected:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
+        if rejected[u] > (0.5 if u in systematic else parameters.integrity.largest_rejected):
+            reason = f"{rejected[u]:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
             state = State.UNOBSERVABLE
         if apart[u] > parameters.integrity.largest_error and state is State.REGISTERED:
             state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None

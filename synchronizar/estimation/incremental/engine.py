@@ -13,16 +13,16 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.cooperative import Cooperative, finish
 from synchronizar.data.recording import Recording
-from synchronizar.data.registration import State
+from synchronizar.data.registration import Registration, State
 from synchronizar.data.user import User
-from synchronizar.estimation.assessment import about_own, errors_about_own, tell
+from synchronizar.estimation.answer import OwnFrames, registration_of
+from synchronizar.estimation.assessment import assess_calibrated
 from synchronizar.estimation.hypotheses import places
 from synchronizar.estimation.incremental.cues import Cue, cue_of
 from synchronizar.estimation.incremental.solution import Solution
@@ -30,9 +30,7 @@ from synchronizar.estimation.incremental.stream import Stream, Stretch
 from synchronizar.estimation.incremental.window import Window
 from synchronizar.estimation.incremental.window_state import Checkpoint, Memory, beginning, load, save
 from synchronizar.estimation.initialisation import connected
-from synchronizar.estimation.integrity import Verdict
 from synchronizar.estimation.local_optima import LocalOptimum
-from synchronizar.estimation.outcome import Outcome
 from synchronizar.geometry import (
     YawFrame,
     moved_frames,
@@ -362,14 +360,14 @@ class Engine:
             best = minima[0]
             scale = float(np.exp(best.states.calibration[self.memory.gauge, SCALE]))
             common = np.append(scale * best.graph.keyframes[self.memory.gauge].anchor, 0.0)
-        told = tell(minima, repaired, self.parameters, self._registered(), sure)
+        told = assess_calibrated(minima, repaired, self.parameters, self._registered(), sure)
         return Solution(begin, stretch, minima, told, common, axes, lift, noise, repaired)
 
     def _judge(self, active_users: list[int], now: float, before: Solution | None) -> None:
         """New states, and what changed; `before` is the solution before this one."""
         assert self.solution is not None
         self._near[active_users] = self.solution.told.progress[active_users]
-        said, rejected = self.solution.told.said, self._rejected(now)
+        said, rejected = self.solution.told.verdicts, self._rejected(now)
         for u in active_users:
             verdict = said[u]
             if verdict is None or u == self.memory.gauge:
@@ -456,43 +454,32 @@ class Engine:
 
     # What is told
 
-    def outcome(self) -> Outcome:
-        """The last solution, about the users' own origins where their last poses are. ValueError before the first."""
+    def registration(self) -> Registration:
+        """The last solution, about the users' own origins where their last poses are. ValueError before the first.
+
+        `ranges` are those of the window, by time.
+        """
         solution = self.solution
         if solution is None:
             raise ValueError("nothing was solved yet")
-        states, told, k = solution.states, solution.told, len(self.users)
-        scale = np.array([solution.scale(u) for u in range(k)])
-        turned = yaw_of_quaternions(solution.axes)
-        frames = [
-            about_own(moved_frames(solution.common, p.frames), turned, scale, solution.stretch.last)
-            for p in told.hypotheses
-        ]
-        errors = errors_about_own(frames[0], scale, solution.stretch.last)
-        calibration, sigma = states.calibration.copy(), told.calibration_sigma.copy()
-        calibration[:, SCALE], sigma[:, SCALE] = scale, sigma[:, SCALE] * scale
-        said: list[Verdict | None] = list(told.said)
-        for u, verdict in enumerate(said):
+        verdicts = list(solution.told.verdicts)
+        for u, verdict in enumerate(verdicts):
             if verdict is not None and u in self.memory.states:
-                said[u] = verdict._replace(state=self.memory.states[u])
+                verdicts[u] = verdict._replace(state=self.memory.states[u])
             if verdict is not None and u == self.memory.gauge != self.memory.reference:
-                said[u] = verdict._replace(reason="the others are placed beside it")
-        return Outcome(
-            searched=perf_counter(),
-            said=said,
-            costs=[p.cost for p in told.hypotheses],
-            frames=frames,
-            covariances=errors @ solution.covariances @ errors.transpose(0, 2, 1),
-            errors=errors[:, :, :4],
-            scale=scale,
-            measurements=solution.graph.measurements,
-            weight=told.weight,
-            inlier_probability=told.inlier_probability,
-            residual=-solution.graph.residuals(states),
-            calibration=calibration,
-            calibration_sigma=sigma,
-            slam_noise=np.where(np.array([u.static for u in self.users])[:, None], np.nan, solution.noise),
-        )
+                verdicts[u] = verdict._replace(reason="the others are placed beside it")
+        assessed = solution.told._replace(verdicts=verdicts, covariances=solution.covariances, joint=None)
+        scale = np.array([solution.scale(u) for u in range(len(self.users))])
+        turned = yaw_of_quaternions(solution.axes)
+        own = OwnFrames(scale, turned, solution.stretch.last, solution.common, np.zeros(3))
+        reference, count = self.users[self.memory.reference].name, len(solution.stretch.recording.ranges)
+        out = registration_of(assessed, own, reference, count, {"load": 0.0, "initialise": 0.0, "solve": 0.0})
+        users = {
+            user.name: replace(out.users[user.name], slam_noise=(float(place), float(heading)))
+            for user, (place, heading) in zip(self.users, solution.noise, strict=True)
+            if not user.static and out.users[user.name].state is not State.DISCONNECTED
+        }
+        return replace(out, users={**out.users, **users})
 
     def frame(self, user: int) -> YawFrame | None:
         """`common_from_user` at the user's last pose; None where it has no placement."""

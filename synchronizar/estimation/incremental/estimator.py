@@ -17,7 +17,6 @@ from synchronizar.data.registration import RangeVerdicts, Registration, State, U
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.incremental.engine import Engine
-from synchronizar.estimation.register import range_verdicts, registration_of
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.parameters import Parameters
 
@@ -202,9 +201,7 @@ def registration_now(engine: Engine) -> Registration:
     if engine.solution is None:
         users = {user.name: _disconnected(user, "nothing is solved yet") for user in engine.users}
         return Registration(reference, "full", "joint", users, (), _no_ranges(), _no_seconds())
-    outcome = engine.outcome()
-    ranges = range_verdicts(outcome, len(engine.solution.stretch.recording.ranges))
-    told = registration_of(engine.users, outcome, engine.reference, "full", ranges, _no_seconds())
+    told = engine.registration()
     now = {}
     for u, (name, user) in enumerate(told.users.items()):
         cue, frame = engine.cue(u), engine.frame(u)

@@ -105,15 +105,13 @@ class _Known:
 
     def _read(self) -> None:
         """The verdicts of a new solution."""
-        solution, outcome = self.engine.solution, self.engine.outcome()
+        solution, told = self.engine.solution, self.engine.registration()
         assert solution is not None
-        told = outcome.covariances.copy()
-        static = [u.static for u in self.recording.users]
-        told[static, 3, :] = told[static, :, 3] = np.nan
-        self._covariances = list(told)
-        at = np.array(self.rows)[solution.stretch.serial[outcome.measurements.row]]
-        self._usable[at], self._used[at] = True, outcome.inlier_probability > 0.5
-        self._weight[at], self._residual[at] = outcome.weight, outcome.residual
+        self._covariances = [user.covariance for user in told.users.values()]
+        of_window, usable = told.ranges, told.ranges.usable
+        at = np.array(self.rows)[solution.stretch.serial[usable]]
+        self._usable[at], self._used[at] = True, of_window.used[usable]
+        self._weight[at], self._residual[at] = of_window.weight[usable], of_window.residual[usable]
 
     def registration(self, tracks: dict[str, Track], seconds: dict[str, float]) -> Registration:
         """At the end, about each user's last pose."""

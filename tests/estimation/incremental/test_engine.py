@@ -151,7 +151,7 @@ def test_before_any_range_nobody_but_the_reference_has_a_placement() -> None:
     assert [engine.progress(u) for u in range(3)] == [1.0, 0.0, 0.0]
     assert not any(told.events)
     with pytest.raises(ValueError, match="nothing was solved"):
-        engine.outcome()
+        engine.registration()
 
 
 @pytest.mark.parametrize("name", ["nobody", "radio0"])

@@ -48,12 +48,14 @@ def test_who_is_saved_and_loaded_goes_on_as_if_nothing_had_happened(cut: float, 
         feed(engine, recording, cut, np.inf)
     assert loaded.memory.known == whole.memory.known
     assert loaded.memory.since == whole.memory.since
-    covariances = whole.outcome().covariances
+    users = list(whole.registration().users.values())
     for u in range(1, len(recording.users)):
         ours, theirs = loaded.frame(u), whole.frame(u)
         assert ours is not None
         assert theirs is not None
-        sigma = np.sqrt(np.diag(covariances[u])[:3])
+        covariance = users[u].covariance
+        assert covariance is not None
+        sigma = np.sqrt(np.diag(covariance)[:3])
         assert (np.abs(ours.translation - theirs.translation) < 0.5 * sigma).all()
 
 
