@@ -58,7 +58,7 @@ def _display_math(writer: HTML5Translator, node: nodes.math_block) -> None:
     tex = node.astext()
     if "\\\\" in tex and "\\begin" not in tex:
         tex = rf"\begin{{aligned}}{tex}\end{{aligned}}"
-    writer.body.append(f'<div class="math">{tex2mathml(tex, as_block=True)}</div>')
+    writer.body.append(f'<div style="overflow: auto hidden; padding: 0.3em">{tex2mathml(tex, as_block=True)}</div>')
     _skip()
 
 
