@@ -36,9 +36,7 @@ def main() -> None:
     print(f"error: {np.linalg.norm(found - second, axis=1).max():.3f} m")
 
 
-def own_frame(
-    points: np.ndarray, first_from_own: tuple[float, float, float, float]
-) -> tuple[np.ndarray, float]:
+def own_frame(points: np.ndarray, first_from_own: tuple[float, float, float, float]) -> tuple[np.ndarray, float]:
     """The same points (n, 3) in a frame that lies at x, y, z (m), yaw (rad) in theirs; and that yaw."""
     x, y, z, yaw = first_from_own
     c, s = np.cos(yaw), np.sin(yaw)

@@ -16,7 +16,7 @@ BOB_FROM_ALICE = np.array([[0.0, 0.0, -1.0, 1.0], [0.0, 1.0, 0.0, 0.1], [1.0, 0.
 
 
 def main() -> None:
-    """Alice puts a cube 1 m before where she began; where does Bob have to draw it?"""
+    """Alice puts a cube 1 m ahead of where she began; print where Bob has to draw it."""
     t = np.arange(0.0, 15.0, 0.1)
     alice = camera_transforms(t, 2.0 * np.sin(0.5 * t), -2.0 * np.sin(0.8 * t))
     bob_in_alice = camera_transforms(t + 5.0, 3.0 * np.cos(0.4 * t), -2.0 * np.sin(0.6 * t))
