@@ -32,6 +32,7 @@ html_math_renderer = "mathml"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: name for name in ("Array", "Indices", "Mask")}
 autodoc_default_options = {"members": True}
 python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
@@ -47,6 +48,7 @@ def setup(app: Sphinx) -> None:
     """Math as MathML, which browsers draw by themselves; docstrings as the plain text that they are."""
     app.add_html_math_renderer("mathml", (_inline_math, None), (_display_math, None))
     app.connect("autodoc-process-docstring", _as_plain_text)
+    app.connect("autodoc-process-signature", _with_names_of_aliases)
 
 
 def _inline_math(writer: HTML5Translator, node: nodes.math) -> None:
@@ -75,3 +77,14 @@ def _as_plain_text(_app: Sphinx, _what: str, _name: str, _of: Any, _options: Any
         if len(parts) % 2:
             parts[::2] = [re.sub(r"([*|\\]|_\b)", r"\\\1", part) for part in parts[::2]]
             lines[n] = "`".join(parts)
+
+
+def _with_names_of_aliases(
+    _app: Sphinx, _what: str, _name: str, _of: Any, _options: Any, arguments: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
+    """`Array` where Sphinx would print how it keeps an alias that stands inside of another type."""
+
+    def named(text: str | None) -> str | None:
+        return text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text)
+
+    return named(arguments), named(returns)

@@ -36,16 +36,11 @@ def test_there_are_five_examples() -> None:
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
 def test_an_example_ends_near_its_truth(example: Path, tmp_path: Path) -> None:
-    error = re.search(r"^error: ([\d.]+) m$", run(example, folder=tmp_path), flags=re.MULTILINE)
+    said = run(example, folder=tmp_path)
+    error = re.search(r"^error: ([\d.]+) m\n\Z", said, flags=re.MULTILINE)
     assert error is not None
     assert float(error[1]) < LARGEST_ERROR_M
-
-
-@pytest.mark.parametrize("example", [e for e in EXAMPLES if e.stem != "own_gtsam_graph"], ids=lambda e: e.stem)
-def test_an_example_registers_everybody(example: Path, tmp_path: Path) -> None:
-    said = run(example, folder=tmp_path)
-    assert ": registered" in said
-    assert not re.search("ambiguous|disconnected", said.rsplit("error:")[0].rsplit("\n", 3)[-2])
+    assert "own_gtsam" in example.name or re.search(r"^(bob|second): registered", said, flags=re.MULTILINE)
 
 
 def test_the_files_example_solves_a_recording_that_is_given(tmp_path: Path) -> None:
