@@ -66,6 +66,12 @@ def test_the_checker_names_a_link_that_leads_nowhere(tmp_path: Path, link: str) 
     assert said.endswith("1 broken links\n")
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(REPOSITORY)))
+def test_every_experiment_that_a_page_names_is_there(page: Path) -> None:
+    named = set(re.findall(r"\bexperiments\.[a-z_.]+[a-z_]", page.read_text()))
+    assert [name for name in named if not (REPOSITORY / f"{name.replace('.', '/')}.py").exists()] == []
+
+
 def test_the_readme_is_short() -> None:
     assert len((REPOSITORY / "README.md").read_text().split()) <= WORDS_OF_README
 
