@@ -149,3 +149,36 @@ def test_every_column_of_a_recording_is_explained() -> None:
     from synchronizar.io.ranges_csv import OPTIONAL, REQUIRED
 
     assert {*REQUIRED, *OPTIONAL} - explained("data.md") == set()
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """The code of a page in one language."""
+    return [str(code) for code in re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(REPOSITORY)))
+def test_every_python_block_of_a_page_compiles(page: Path) -> None:
+    for code in blocks(page, "python"):
+        compile(code, str(page), "exec")
+
+
+def test_every_setting_that_is_shown_is_read_as_it_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from synchronizar.io.recording_toml import read_recording_toml
+
+    shown = blocks(DOCS / "data.md", "toml")
+    assert len(shown) == 2
+    for text in shown:
+        (tmp_path / "recording.toml").write_text(text)
+        read_recording_toml(tmp_path / "recording.toml")
+    assert capsys.readouterr().err == ""
+
+
+def test_the_settings_that_are_explained_are_those_of_a_user(tmp_path: Path) -> None:
+    from synchronizar.io.recording_toml import read_recording_toml
+
+    table = (DOCS / "data.md").read_text().split("| setting | unit | meaning |")[1].split("\n\n")[0]
+    values = {"up": '"y"', "static": "true", "height_sigma": "1", "antennas.NAME": "[0, 0, 0]"}
+    assert set(re.findall(r"^\| `([\w.]+)`", table, flags=re.MULTILINE)) == set(values)
+    for setting, value in values.items():
+        (tmp_path / "recording.toml").write_text(f"[users.bob]\n{setting} = {value}\n")
+        read_recording_toml(tmp_path / "recording.toml")
