@@ -48,7 +48,7 @@ def setup(app: Sphinx) -> None:
     """Math as MathML, which browsers draw by themselves; docstrings as the plain text that they are."""
     app.add_html_math_renderer("mathml", (_inline_math, None), (_display_math, None))
     app.connect("autodoc-process-docstring", _as_plain_text)
-    app.connect("autodoc-process-signature", _with_names_of_aliases)
+    app.connect("autodoc-process-signature", _readable)
 
 
 def _inline_math(writer: HTML5Translator, node: nodes.math) -> None:
@@ -76,13 +76,16 @@ def _as_plain_text(_app: Sphinx, _what: str, _name: str, _of: Any, _options: Any
         parts = line.split("`")
         if len(parts) % 2:
             parts[::2] = [re.sub(r"([*|\\]|_\b)", r"\\\1", part) for part in parts[::2]]
+            parts[0] = re.sub(r"^(\s*\w+)([.)]\s)", r"\1\\\2", parts[0])  # "m. ..." begins no list
             lines[n] = "`".join(parts)
 
 
-def _with_names_of_aliases(
-    _app: Sphinx, _what: str, _name: str, _of: Any, _options: Any, arguments: str | None, returns: str | None
+def _readable(
+    _app: Sphinx, what: str, name: str, _of: Any, _options: Any, arguments: str | None, returns: str | None
 ) -> tuple[str | None, str | None]:
-    """`Array` where Sphinx would print how it keeps an alias that stands inside of another type."""
+    """A signature with `Array` where Sphinx would print how it keeps an alias inside of another type."""
+    if what == "class" and name.startswith("synchronizar.parameters."):  # each default stands beside what it means
+        return "", None
 
     def named(text: str | None) -> str | None:
         return text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text)
