@@ -36,6 +36,7 @@ autodoc_type_aliases = {name: name for name in ("Array", "Indices", "Mask")}
 autodoc_default_options = {"members": True}
 python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
+add_module_names = False
 
 # A docstring's backticks are code, whatever they name.
 default_role = "literal"
