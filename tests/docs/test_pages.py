@@ -122,6 +122,13 @@ def test_every_key_of_updates_jsonl_is_explained(answers: Path) -> None:
     assert keys(json.loads(last)) - explained("answer.md") == set()
 
 
+def test_every_code_of_a_finding_is_explained() -> None:
+    from synchronizar.data.findings import Code
+
+    table = (DOCS / "answer.md").read_text().split("| code | what looks wrong |")[1]
+    assert re.findall(r"^\| `([\w-]+)` \|", table, flags=re.MULTILINE) == list(Code)
+
+
 def test_every_column_of_ranges_csv_is_explained(answers: Path) -> None:
     header = (answers / "answer" / "ranges.csv").read_text().splitlines()[0]
     assert set(header.split(",")) - explained("answer.md") == set()
@@ -131,6 +138,12 @@ def test_every_key_of_an_evaluation_is_explained(answers: Path, capsys: pytest.C
     capsys.readouterr()
     assert main(["evaluate", str(answers / "walk"), str(answers / "answer"), "--json"]) == 0
     assert set(json.loads(capsys.readouterr().out)) - explained("commands.md") == set()
+
+
+def test_every_key_of_a_check_is_explained(answers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    main(["check", str(answers / "walk"), "--json"])
+    assert keys(json.loads(capsys.readouterr().out)) - explained("commands.md") - explained("answer.md") == set()
 
 
 def commands_of(page: Path) -> set[str]:
