@@ -14,7 +14,7 @@ export FUZZ_SECONDS ?= 5
 STUDIES := $(addprefix paper.,sampling_space distance sample_count pointing traces) \
 	$(addprefix sweeps.,sweeps ranges_needed beside_bound beside_recordings)
 
-.PHONY: demo modules test lint sizes bench experiments clean
+.PHONY: demo modules test lint docs sizes bench experiments clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m experiments.demo --out demo
@@ -38,6 +38,12 @@ lint: $(VENV)/linted-with $(CTEST)/built
 	printf '%s\n' $(CORE_SOURCES) | xargs -P 2 -n 2 $(BIN)/clang-tidy --quiet -p $(CTEST)
 	if tools/have.sh cppcheck; then cppcheck --quiet --enable=warning,performance,portability,style --error-exitcode=1 \
 		-I firmware/core firmware/core firmware/targets/esp-idf; fi
+
+# The pages of docs/ in build/docs; a warning, or a link that leads nowhere, is an error.
+docs: $(VENV)/documented-with
+	rm -rf build/docs
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --builder html docs build/docs
+	$(BIN)/python tools/check_links.py build/docs
 
 # The table of the core's size on each processor.
 sizes: $(VENV)/ready
@@ -72,6 +78,10 @@ $(VENV)/tested-with: $(VENV)/installed
 
 $(VENV)/linted-with: $(VENV)/tested-with
 	$(BIN)/python -m pip install --quiet --group lint
+	touch $@
+
+$(VENV)/documented-with: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --group docs
 	touch $@
 
 $(CTEST)/built: $(VENV)/ready $(CORE) $(CORE_TESTS)

@@ -1,4 +1,11 @@
 # What the package offers, and where each of it lives: the one list of it, read by __init__.py and by type checkers.
+from ._core import Cauchy as Cauchy
+from ._core import GemanMcClure as GemanMcClure
+from ._core import Huber as Huber
+from ._core import NlosMixture as NlosMixture
+from ._core import RangeBlock as RangeBlock
+from ._core import Squared as Squared
+from ._core import UserPose as UserPose
 from .data.ranges import Ranges as Ranges
 from .data.recording import Recording as Recording
 from .data.registration import Registration as Registration
