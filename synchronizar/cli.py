@@ -259,7 +259,7 @@ def _solvable(recording: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _bar_of(users: int, ranges: int) -> Iterator[Callable[[float], None] | None]:
+def bar_of(users: int, ranges: int) -> Iterator[Callable[[float], None] | None]:
     """A bar for work that takes longer than a second; none but on a terminal."""
     if not sys.stderr.isatty():
         yield None
@@ -334,7 +334,7 @@ def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
     if options.method == "pairwise" and options.model == "full":
         raise InputError("--model", "the pairwise method trusts SLAM: it has no full model")
     recording, loaded = _loaded(options.recording)
-    with _solvable(options.recording), _bar_of(len(recording.users), len(recording.ranges)) as progress:
+    with _solvable(options.recording), bar_of(len(recording.users), len(recording.ranges)) as progress:
         if options.method == "pairwise":
             from synchronizar.estimation.pairwise.register import register_pairwise
 

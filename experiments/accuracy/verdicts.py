@@ -72,7 +72,7 @@ def scene_of(seed: int) -> tuple[str, Scene]:
     return kind, scene
 
 
-def mixture_terms(seed_and_model: tuple[int, Literal["full", "rigid"]]) -> list[Verdict]:
+def verdicts_of(seed_and_model: tuple[int, Literal["full", "rigid"]]) -> list[Verdict]:
     """Every user's verdict in one scene, beside the truth."""
     seed, model = seed_and_model
     kind, scene = scene_of(seed)
@@ -121,7 +121,7 @@ def main() -> None:
     options = parser.parse_args()
     judged = [
         v
-        for scene in on_all_cores(mixture_terms, [(seed, options.model) for seed in range(options.scenes)])
+        for scene in on_all_cores(verdicts_of, [(seed, options.model) for seed in range(options.scenes)])
         for v in scene
     ]
     print(write_table(f"verdicts_{options.model}", [_row(kind, judged) for kind in (*KINDS, "all")], vars(options)))

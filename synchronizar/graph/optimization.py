@@ -10,32 +10,13 @@ import gtsam
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.cooperative import Cooperative, finish
+from synchronizar.cooperative import Cooperative
 from synchronizar.graph import keys
 from synchronizar.graph.range_factors import PoseCache
-
-Values = gtsam.Values
 
 _SUFFICIENT = 1e-4  # of the gain that the linear model predicts (Armijo's condition)
 _SHORTER = 0.4  # factor on the step length at each attempt
 _SHORTEST = 1e-3  # of the full step
-
-
-def optimize(
-    factors: gtsam.NonlinearFactorGraph,
-    start: gtsam.Values,
-    ordering: gtsam.Ordering,
-    iterations: int,
-    gain: float,
-    pose_cache: PoseCache | None = None,
-) -> gtsam.Values:
-    """Values at a local minimum of the cost, by Gauss-Newton with a backtracking line search.
-
-    Stops after `iterations` steps, or when a step gains less than `gain` (negative log likelihood). Range blocks are
-    positive semidefinite models with the exact gradient, so every step starts downhill. `pose_cache` is the one that
-    the factors share.
-    """
-    return finish(optimizing(factors, start, ordering, iterations, gain, pose_cache or PoseCache()))
 
 
 def optimizing(
@@ -46,7 +27,12 @@ def optimizing(
     gain: float,
     pose_cache: PoseCache,
 ) -> Cooperative[gtsam.Values]:
-    """`optimize` as a cooperative task; it yields about once per evaluation of all factors."""
+    """Values at a local minimum of the cost, by Gauss-Newton with a backtracking line search.
+
+    Stops after `iterations` steps, or when a step gains less than `gain` (negative log likelihood). Range blocks are
+    positive semidefinite models with the exact gradient, so every step starts downhill. `pose_cache` is the one that
+    the factors share. A cooperative task: it yields about once per evaluation of all factors.
+    """
     pose_cache.hold(start)
     try:
         return (yield from _optimizing(factors, start, ordering, iterations, gain, pose_cache))
@@ -102,15 +88,3 @@ def reduced(linear: gtsam.GaussianFactorGraph, others: list[int], kept: list[int
         _, linear = linear.eliminatePartialSequential(keys.ordering(others))
     jacobian, _ = linear.jacobian(keys.ordering(kept))
     return np.asarray(jacobian)
-
-
-def levenberg_marquardt(
-    factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int, gain: float
-) -> gtsam.Values:
-    """Values at a local minimum by gtsam's own optimiser, which stops when a step gains less than `gain`."""
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(iterations)
-    parameters.setAbsoluteErrorTol(gain)
-    parameters.setRelativeErrorTol(0.0)
-    parameters.setlambdaInitial(1e-3)
-    return gtsam.LevenbergMarquardtOptimizer(factors, values, parameters).optimize()

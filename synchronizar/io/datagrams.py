@@ -10,7 +10,7 @@ from hmac import compare_digest
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from synchronizar.arrays import Mask
 from synchronizar.data.ranges import SOURCES
@@ -92,21 +92,6 @@ class OrderDatagram:
     """Of the module's datagram that it answers; each can be answered once."""
     sleep_s: int
     """It is registered and may sleep so long; 0: it shall range on."""
-
-
-def some_ranges(peer: ArrayLike, distance_mm: ArrayLike, **known: ArrayLike) -> NDArray[np.void]:
-    """(n,) of RANGE, measured by modules, of which nothing is known but what is given by its field's name."""
-    unknown: dict[str, ArrayLike] = {
-        "clock_ppb": UNKNOWN_CLOCK,
-        "sigma_mm": UNKNOWN_SIGMA,
-        "rx_power_cdbm": UNKNOWN_POWER,
-        "fp_power_cdbm": UNKNOWN_POWER,
-        "sight": SIGHT_UNKNOWN,
-    }
-    ranges = np.zeros(np.broadcast_shapes(np.shape(peer), np.shape(distance_mm)), RANGE)
-    for name, column in (unknown | {"peer": peer, "distance_mm": distance_mm} | known).items():
-        ranges[name] = column
-    return ranges
 
 
 def encode_ranges(datagram: RangesDatagram, key: bytes) -> bytes:

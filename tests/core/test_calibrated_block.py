@@ -43,7 +43,7 @@ Antennas = tuple[Array, Array, Array]
 
 
 class Measured(NamedTuple):
-    """What a DeviceBlock is made of."""
+    """What a CalibratedRangeBlock is made of."""
 
     i: Antennas
     j: Antennas

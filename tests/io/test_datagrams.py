@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.datagrams import some_ranges
 from support.paths import REPOSITORY
 
 from synchronizar.io.datagrams import (
@@ -25,7 +26,6 @@ from synchronizar.io.datagrams import (
     decode_ranges,
     encode_order,
     encode_ranges,
-    some_ranges,
 )
 
 FIRMWARE = REPOSITORY / "firmware"

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
+from support.datagrams import some_ranges
 
 from synchronizar.arrays import Array
 from synchronizar.data.user import User
-from synchronizar.io.datagrams import RangesDatagram, encode_ranges, some_ranges
+from synchronizar.io.datagrams import RangesDatagram, encode_ranges
 from synchronizar.io.range_clock import MAX_SKEW, RangeClock
 from synchronizar.io.receiver import Receiver
 

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.air_built import needs_air
+from support.datagrams import some_ranges
 from support.paths import REPOSITORY
 
 from synchronizar.cli import main
 from synchronizar.data.ranges import SOURCES
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
-from synchronizar.io.datagrams import RangesDatagram, encode_ranges, some_ranges
+from synchronizar.io.datagrams import RangesDatagram, encode_ranges
 from synchronizar.io.receiver import Receiver
 from synchronizar.simulation import air, collect, modules
 from synchronizar.simulation.modules import CRYSTAL_PPM, MOST_M, Heard, simulate_modules

@@ -1,11 +1,10 @@
 """Two devices' frames from the distances between them, as SynchronizAR finds them (Huo et al., UIST 2018): a baseline.
 
-Equation 1 is the general problem: of all rotations R and translations T those with the least sum of
-w_i (d_i - |x_i - R y_i - T|)^2. Equation 2 is the reduced one: both devices know which way is up, so R turns about the
-vertical alone; heights of all samples are replaced by their averages, and the frames' origins differ in height by 0.1 m
-at most. Both are solved by sequential quadratic programming: scipy's SLSQP stands in for MATLAB's. Where that starts
-the paper does not say; here it starts from the best few of a grid of turns, bearings and distances, and the best end
-counts.
+Of all rotations R and translations T those with the least sum of w_i (d_i - |x_i - R y_i - T|)^2 (equation 1), reduced
+to what devices need that both know which way is up (equation 2): R turns about the vertical alone, heights of all
+samples are replaced by their averages, and the frames' origins differ in height by 0.1 m at most. It is solved by
+sequential quadratic programming: scipy's SLSQP stands in for MATLAB's. The paper does not say where that starts; here
+it starts from the best few of a grid of headings, bearings and distances, and the best end counts.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from synchronizar.geometry import YawFrame, rotation_2d, wrap_angle
 
 LARGEST_HEIGHT = 0.1
 """m: how far origins may differ in height."""
-LEAST_REDUCED, LEAST_GENERAL = 4, 6
+LEAST_REDUCED = 4
 """Samples: as many as there are unknowns."""
 _GRID = 16  # headings, and bearings, of the reduced problem
 _PARTS = (0.3, 0.6, 1.0)  # of the mean distance, at which both walks' middles may lie: people walk about each other
@@ -32,50 +31,12 @@ _ITERATIONS = 200
 _TOUCHING = 1e-9  # m: closer than that a distance has no direction
 
 
-class General(NamedTuple):
-    """A solution of equation 1."""
-
-    rotation: Array
-    """(3, 3) x_from_y."""
-    translation: Array
-    """(3,) m."""
-    cost: float
-    """m^2: the weighted mean square of what is left of the distances."""
-
-
 class Reduced(NamedTuple):
     """A solution of equation 2."""
 
     x_from_y: YawFrame
     cost: float
     """m^2: the weighted mean square of what is left of the distances, heights being their averages."""
-
-
-def solve_general(x: Array, y: Array, distance: Array, weight: Array | None = None) -> General:
-    """Equation 1: all six degrees of freedom.
-
-    `x`, `y` (n, 3) m in their own frames, `distance` (n,) m, `weight` (n,). ValueError for fewer than 6 samples,
-    InputError where scipy is not installed.
-    """
-    w = _weights(distance, weight, LEAST_GENERAL)
-    _require_scipy()
-    from scipy.spatial.transform import Rotation
-
-    def cost(parameters: Array) -> float:
-        turned = y @ Rotation.from_rotvec(parameters[:3]).as_matrix().T
-        return float(w @ (np.linalg.norm(x - turned - parameters[3:], axis=1) - distance) ** 2)
-
-    turns = Rotation.create_group("O").as_matrix()  # a cube's 24
-    ways = np.array([v for v in np.ndindex(3, 3, 3) if v != (1, 1, 1)], dtype=float) - 1.0
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    rotation, way = np.repeat(turns, len(ways), axis=0), np.tile(ways, (len(turns), 1))
-    along = w @ x + float(w @ distance) * way - rotation @ (w @ y)
-    turned = np.einsum("kij,nj->kni", rotation, y)
-    error = np.linalg.norm(x - turned - along[:, None], axis=2) - distance
-    best = np.argsort(error**2 @ w)[:_STARTS]
-    starts = [np.concatenate([Rotation.from_matrix(rotation[k]).as_rotvec(), along[k]]) for k in best]
-    found, least = _least(cost, starts)
-    return General(Rotation.from_rotvec(found[:3]).as_matrix(), found[3:], least)
 
 
 def solve_reduced(x: Array, y: Array, distance: Array, weight: Array | None = None) -> Reduced:

@@ -19,7 +19,7 @@ from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.pairwise import solve as pairwise_solve
 from synchronizar.estimation.pairwise.register import pair_samples, register_pairwise
-from synchronizar.estimation.pairwise.solve import LARGEST_HEIGHT, solve_general, solve_reduced
+from synchronizar.estimation.pairwise.solve import LARGEST_HEIGHT, solve_reduced
 from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.parameters import Parameters
 from synchronizar.simulation.scene import Scene
@@ -112,24 +112,9 @@ def test_a_sample_that_weighs_nothing_says_nothing() -> None:
     assert np.hypot(found.x_from_y.x - 1.0, found.x_from_y.y - 2.0) < 0.02
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_in_six_degrees_of_freedom_exact_distances_give_the_exact_frame(seed: int) -> None:
-    from scipy.spatial.transform import Rotation
-
-    random = np.random.default_rng(seed)
-    rotation, along = Rotation.random(random_state=seed).as_matrix(), random.uniform(-5.0, 5.0, 3)
-    x, moved = random.uniform(-1.0, 1.0, (80, 3)), random.uniform(-1.0, 1.0, (80, 3)) + np.array([3.0, 2.0, 0.5])
-    found = solve_general(x, (moved - along) @ rotation, np.linalg.norm(x - moved, axis=1))
-    assert np.sqrt(found.cost) < 1e-3
-    np.testing.assert_allclose(found.rotation, rotation, atol=5e-3)
-    np.testing.assert_allclose(found.translation, along, atol=2e-2)
-
-
 def test_fewer_samples_than_unknowns_are_refused() -> None:
     with pytest.raises(ValueError, match="3 samples, where 4"):
         solve_reduced(np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3))
-    with pytest.raises(ValueError, match="5 samples, where 6"):
-        solve_general(np.zeros((5, 3)), np.zeros((5, 3)), np.ones(5))
 
 
 def test_without_scipy_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
