@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from synchronizar.arrays import Array
+from synchronizar.quaternions import inverse_quaternions, multiply_quaternions, yaw_quaternion
 
 Up = Literal["z", "y"]
 """Which axis of a frame points up."""
@@ -101,7 +102,7 @@ class YawFrame:
         if self.up_b == "y":
             turn = multiply_quaternions(turn, QUATERNION_Z_UP_FROM_Y_UP)
         if self.up_a == "y":
-            turn = multiply_quaternions(QUATERNION_Z_UP_FROM_Y_UP * np.array([-1.0, -1.0, -1.0, 1.0]), turn)
+            turn = multiply_quaternions(inverse_quaternions(QUATERNION_Z_UP_FROM_Y_UP), turn)
         return multiply_quaternions(turn, quat_xyzw)
 
 
@@ -141,32 +142,6 @@ def rotation_2d(yaw: float) -> Array:
     """(2, 2) rotation by yaw (rad)."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s], [s, c]])
-
-
-def yaw_quaternion(yaw: float) -> Array:
-    """(4,) x y z w: a turn by yaw (rad) about z."""
-    return np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)])
-
-
-def multiply_quaternions(left: Array, right: Array) -> Array:
-    """Hamilton products of quaternions (..., 4) x y z w: first `right` turns, then `left`."""
-    lv, lw = left[..., :3], left[..., 3:]
-    rv, rw = right[..., :3], right[..., 3:]
-    vector = lw * rv + rw * lv + np.cross(lv, rv)
-    scalar = lw * rw - np.sum(lv * rv, axis=-1, keepdims=True)
-    return np.concatenate([vector, scalar], axis=-1)
-
-
-def rotate_by_quaternions(quat_xyzw: Array, vectors: Array) -> Array:
-    """Vectors (..., 3) turned by unit quaternions (..., 4): v + 2 w (q x v) + 2 q x (q x v)."""
-    q, w = quat_xyzw[..., :3], quat_xyzw[..., 3:]
-    t = 2.0 * np.cross(q, vectors)
-    return vectors + w * t + np.cross(q, t)
-
-
-def yaw_of_quaternions(quat_xyzw: Array) -> Array:
-    """(n,) rad: the turn about z of unit quaternions (n, 4), what is left of them tilting (swing and twist)."""
-    return np.asarray(wrap_angle(2.0 * np.arctan2(quat_xyzw[..., 2], quat_xyzw[..., 3])))
 
 
 def relative_to(frames: Array, reference: int) -> Array:

@@ -23,7 +23,8 @@ from synchronizar.data.ranges import papers_rate_hz
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.cues import Cue
 from synchronizar.estimation.incremental.engine import Engine
-from synchronizar.geometry import YawFrame, wrap_angle, yaw_quaternion
+from synchronizar.geometry import YawFrame, wrap_angle
+from synchronizar.quaternions import yaw_quaternion
 
 WAYS = {
     "free": "-C0",

@@ -10,7 +10,7 @@ import numpy as np
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.track import Track
-from synchronizar.geometry import rotate_by_quaternions
+from synchronizar.quaternions import rotate_by_quaternions
 from synchronizar.simulation.scene import SHORTEST_DETOUR_M, Scene
 
 STAMP_JITTER = 0.1

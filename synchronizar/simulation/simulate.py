@@ -13,8 +13,9 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
-from synchronizar.geometry import Up, YawFrame, multiply_quaternions, wrap_angle
+from synchronizar.geometry import Up, YawFrame, wrap_angle
 from synchronizar.io.tum import write_tum
+from synchronizar.quaternions import multiply_quaternions
 from synchronizar.simulation.radios import Device, Measured, measure, true_distances
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.walkers import walk

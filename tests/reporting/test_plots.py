@@ -30,9 +30,10 @@ from synchronizar.data.registration import (
 from synchronizar.data.track import Track
 from synchronizar.errors import InputError
 from synchronizar.estimation.register import register
-from synchronizar.geometry import YawFrame, yaw_quaternion
+from synchronizar.geometry import YawFrame
 from synchronizar.io.registration_folder import registration_json, write_registration
 from synchronizar.parameters import Parameters
+from synchronizar.quaternions import yaw_quaternion
 from synchronizar.reporting.plots import draw, draw_devices, plot
 from synchronizar.reporting.plots.answer import Answer, read_answer
 from synchronizar.reporting.plots.drift import common_from_user_at_start, drift_of

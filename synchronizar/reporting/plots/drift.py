@@ -8,7 +8,8 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.data.track import Track
-from synchronizar.geometry import YawFrame, multiply_quaternions, wrap_angle
+from synchronizar.geometry import YawFrame
+from synchronizar.quaternions import inverse_quaternions, multiply_quaternions, yaw_of_quaternions
 from synchronizar.reporting.plots.answer import Answer
 
 
@@ -51,6 +52,5 @@ def drift_of(answer: Answer, name: str) -> Drift:
 
 
 def _yaw_between(before: Array, after: Array) -> Array:
-    """(n,) rad within [-pi, pi): how far attitudes (n, 4) must turn about the vertical to become others (n, 4)."""
-    turn = multiply_quaternions(after, before * np.array([-1.0, -1.0, -1.0, 1.0]))
-    return np.asarray(wrap_angle(np.asarray(2.0 * np.arctan2(turn[:, 2], turn[:, 3]))))
+    """(n,) rad within [-pi, pi): rotation about the vertical from attitudes (n, 4) to others (n, 4)."""
+    return yaw_of_quaternions(multiply_quaternions(after, inverse_quaternions(before)))
