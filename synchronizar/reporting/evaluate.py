@@ -7,7 +7,6 @@ Trans. PAMI 13(4), 1991, eq. 40 to 42) in the plane, without scale, with weights
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import YawFrame, rotation_2d, wrap_angle
 from synchronizar.io.recording_toml import Settings, read_recording_toml
+from synchronizar.io.registration_reader import read_reference
 from synchronizar.io.tum import read_tum
 
 MAX_GAP_S = 0.5
@@ -137,11 +137,7 @@ def read_tracks(folder: Path, settings: Settings | None = None) -> dict[str, Tra
 def _reference(path: Path, truth: Mapping[str, Track]) -> str:
     if not path.exists():
         return next((name for name, track in truth.items() if track.extent() >= MOVED_M), next(iter(truth)))
-    try:
-        with os_faults(path):
-            return str(json.loads(path.read_bytes())["reference"])
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError, KeyError, TypeError) as e:
-        raise InputError(path, "is no registration that names its reference") from e
+    return read_reference(path)
 
 
 def match(estimated: Track, truth: Track) -> Matched | None:

@@ -9,15 +9,14 @@ from matplotlib.figure import Figure
 
 from synchronizar.data.recording import Recording
 from synchronizar.errors import os_faults
+from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
 from synchronizar.reporting.plots.answer import read_answer
 from synchronizar.reporting.plots.devices import draw_devices
+from synchronizar.reporting.plots.history import history_of
 from synchronizar.reporting.plots.picture import draw
 from synchronizar.reporting.plots.timeline import draw_timeline
-from synchronizar.reporting.plots.updates import read_history
 
 DPI = 110
-UPDATES = "updates.jsonl"
-"""What a replay writes and `register` does not."""
 PICTURE, DEVICES, REPLAY = "picture.png", "devices.png", "replay.png"
 
 
@@ -41,8 +40,8 @@ def plot(recording: Recording, folder: str | Path, name: str) -> Path:
 
 def _pages(recording: Recording, folder: Path, name: str) -> dict[str, Figure]:
     devices = f"{len(recording.users)} devices"
-    if (folder / UPDATES).exists():
-        history = read_history(folder / UPDATES, recording)
+    if (folder / UPDATES_FILE).exists():  # of a replay alone
+        history = history_of(read_updates(folder / UPDATES_FILE, recording), recording)
         return {REPLAY: draw_timeline(history, f"{name}: what was known of its {devices} while they moved")}
     answer = read_answer(folder, recording)
     pages = {PICTURE: draw(answer, f"{name}: where its {devices} were, from the distances between them")}

@@ -12,8 +12,8 @@ from matplotlib.patheffects import withStroke
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
+from synchronizar.reporting.plots.history import History, UserHistory
 from synchronizar.reporting.plots.style import Style, short, styles_of
-from synchronizar.reporting.plots.updates import History, UserHistory
 
 WIDTH_IN = 12.0
 ROW_IN = 0.42
