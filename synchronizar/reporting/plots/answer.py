@@ -1,4 +1,4 @@
-"""The answer to a recording as the pictures need it: the registration, its tracks, SLAM's own, and the ranges."""
+"""A registration with its tracks and ranges, as the plots need them."""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ from synchronizar.io.registration_reader import read_registration
 
 @dataclass(frozen=True)
 class Answer:
-    """A registration and what it is about."""
+    """A registration, its tracks, SLAM's own tracks, and the ranges."""
 
     registration: Registration
     tracks: Mapping[str, Track]
-    """Of every user that has a placement, in the common frame, at its own stamps; one pose for a static radio."""
+    """Tracks in the common frame, at own stamps, of every user not disconnected; one pose for a static radio."""
     slam: Mapping[str, Track]
-    """Of every user that is not static, in its own frame: its poses as SLAM gave them."""
+    """SLAM's own tracks, in their own frames, of every user that is not static."""
     ranges: Ranges
 
     @property
     def names(self) -> list[str]:
-        """All users in the order that the ranges count them."""
+        """All users, in the order of the ranges' indices."""
         return list(self.registration.users)
 
     @property
     def reference(self) -> str:
-        """Whose frame the common one is; blank where nobody's is."""
+        """Name of the reference user; blank where there is none."""
         return self.registration.reference or ""
 
     @property
     def corrects_slam(self) -> bool:
-        """Whether the answer takes SLAM to drift and jump, and devices to have a scale, a bias and a clock."""
+        """Whether the model estimates drift, jumps, scales, biases and clocks."""
         return self.registration.model == "full"
 
     @property
     def moving(self) -> list[str]:
-        """Users that have a placement and walk."""
+        """Users with a track in the common frame that are not static."""
         return [name for name in self.tracks if not self.registration.users[name].static]
 
     @property
     def began(self) -> float:
-        """s, range clock: where axes of time begin: the first range, or the first pose where there is none."""
+        """s, range clock: time 0 of the plots: the first range, or the first pose where there is no range."""
         if len(self.ranges):
             return float(self.ranges.t.min())
         return min((float(self.tracks[name].t[0]) - self.clock_offset(name) for name in self.moving), default=0.0)
@@ -64,9 +64,9 @@ class Answer:
         return np.asarray(t - self.clock_offset(name) - self.began)
 
     def ends(self, rows: NDArray[np.intp]) -> Array:
-        """(n, 2, 3) m: where in the common frame the two devices were at some of the ranges; NaN where unknown."""
+        """(n, 2, 3) m, common frame: positions of both devices at n of the ranges; NaN where unknown."""
         t = self.ranges.t[rows]
-        places = np.full((len(rows), 2, 3), np.nan)
+        positions = np.full((len(rows), 2, 3), np.nan)
         for index, name in enumerate(self.names):
             track = self.tracks.get(name)
             if track is None:
@@ -74,15 +74,15 @@ class Answer:
             for end, who in enumerate((self.ranges.a[rows], self.ranges.b[rows])):
                 mine = np.flatnonzero(who == index)
                 if self.registration.users[name].static:
-                    places[mine, end] = track.position[0]
+                    positions[mine, end] = track.position[0]
                 else:
                     poses = track.at(t[mine] + self.clock_offset(name), np.inf)
-                    places[mine[poses.valid], end] = poses.position[poses.valid]
-        return places
+                    positions[mine[poses.valid], end] = poses.position[poses.valid]
+        return positions
 
 
 def read_answer(folder: Path, recording: Recording) -> Answer:
-    """The answer that `register --out` wrote about a recording.
+    """The answer that `register --out` wrote for a recording.
 
     Raises InputError where a file is missing or broken, or is about another recording.
     """
