@@ -1,4 +1,4 @@
-"""What the experiments on the full model share: where everybody is at last, and maximum likelihood from the truth.
+"""Shared by experiments on the full model: true final poses, and maximum likelihood started at the truth.
 
 The common frame is the reference's own at its first pose, as `register` has it.
 """

@@ -1,4 +1,4 @@
-"""Whether walking as the cues say is registered sooner.
+"""Time to registration of users who follow cues, against free walks and walks side by side.
 
 `python -m experiments.live.cues [--seeds 60]`: two people, ranges with 0.1 m at the paper's rate, nothing wrong with
 their devices. The first walks freely from place to place of a room of 6 m; the second walks freely too, or beside the
