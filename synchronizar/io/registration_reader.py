@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from synchronizar.data.findings import Code, Finding
 from synchronizar.data.jump import Jump
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import (
@@ -69,14 +70,15 @@ def read_registration(folder: Path, recording: Recording) -> tuple[Registration,
     return registration, tracks
 
 
-def read_reference(file: Path) -> str:
-    """The reference that a registration.json names. Raises InputError where it cannot be read or names none."""
+def read_reference(file: Path) -> str | None:
+    """The reference in a registration.json; None where there is none. Raises InputError where it cannot be read."""
     with os_faults(file):
         text = file.read_bytes()
     try:
-        return str(json.loads(text)["reference"])
+        reference = json.loads(text)["reference"]
     except MALFORMED as error:
         raise InputError(file, "is no registration that names its reference") from error
+    return None if reference is None else str(reference)
 
 
 def _read_track(file: Path, slam: Track | None) -> Track:
@@ -108,6 +110,14 @@ def _registration(values: Mapping[str, Any], recording: Recording, verdicts: Ran
         ),
         ranges=verdicts,
         seconds={stage: read_number(seconds) for stage, seconds in values["seconds"].items()},
+        findings=tuple(_finding(finding) for finding in values["findings"]),
+    )
+
+
+def _finding(values: Mapping[str, Any]) -> Finding:
+    user = values["user"]
+    return Finding(
+        Code(values["code"]), None if user is None else str(user), str(values["message"]), str(values["remedy"])
     )
 
 

@@ -135,9 +135,11 @@ def read_tracks(folder: Path, settings: Settings | None = None) -> dict[str, Tra
 
 
 def _reference(path: Path, truth: Mapping[str, Track]) -> str:
-    if not path.exists():
-        return next((name for name, track in truth.items() if track.extent() >= MOVED_M), next(iter(truth)))
-    return read_reference(path)
+    """The reference that a registration.json names; without one the first by name whose truth moves."""
+    named = read_reference(path) if path.exists() else None
+    if named is not None:
+        return named
+    return next((name for name, track in truth.items() if track.extent() >= MOVED_M), next(iter(truth)))
 
 
 def match(estimated: Track, truth: Track) -> Matched | None:

@@ -65,7 +65,7 @@ class Simulation:
     def save(self, path: Path, force: bool = False) -> None:
         """Write the recording as a folder, with truth/<user>.tum and truth/ranges.csv.
 
-        `force` removes tracks and truth of other users; without it they raise InputError, as does what cannot be written.
+        Raises InputError where it cannot be written, or holds tracks or truth of other users; `force` removes these.
         """
         truth = path / "truth"
         for file in [*(path / "tracks").glob("*.tum"), *truth.glob("*.tum")]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
 from synchronizar.errors import InputError
@@ -154,6 +155,19 @@ def test_a_track_with_other_stamps_is_told(recording: Recording, folder: Path, u
     file.write_text(f"{float(stamp) - 1.0} {rest}")
     with pytest.raises(InputError, match=rf"{user}\.tum: is about another recording: its stamps are not those"):
         read_registration(folder, recording)
+
+
+def test_findings_and_a_reference_that_is_not_there_read_back_the_same(
+    registration: Registration, recording: Recording, tmp_path: Path
+) -> None:
+    findings = (
+        Finding(Code.HEIGHT, "phone1", "its origin would have to lie 1.2 m lower", "set height_sigma"),
+        Finding(Code.REPEATED_RANGES, None, "7 ranges are there twice", "remove them"),
+    )
+    write_registration(replace(registration, findings=findings, reference=None), recording, tmp_path)
+    read, _ = read_registration(tmp_path, recording)
+    assert read.findings == findings
+    assert read.reference is None
 
 
 def test_frames_of_y_up_tracks_read_back_in_their_own_axes(tmp_path: Path) -> None:
