@@ -43,7 +43,7 @@ def read_ranges_csv(path: Path, users: Sequence[User]) -> Ranges:
 
 
 def read_usable_ranges(path: Path, users: Sequence[User]) -> Ranges:
-    """The same without the rows that `read_ranges_csv` refuses; stamps of any size are taken.
+    """All ranges without the rows that `read_ranges_csv` refuses; stamps may have any size.
 
     Raises InputError where the file cannot be read or a line has not as many values as the header.
     """
@@ -53,13 +53,13 @@ def read_usable_ranges(path: Path, users: Sequence[User]) -> Ranges:
 
 
 def names_in_ranges_csv(path: Path) -> Counter[str]:
-    """How many ranges each name has, whether a user has it or not. Raises InputError as `read_usable_ranges` does."""
+    """Number of ranges of each name, users or not. Raises InputError as `read_usable_ranges` does."""
     with os_faults(path), open_text(path) as file:
         return Counter(name for chunk in _chunks(path, file) for end in ("a", "b") for name in chunk.columns[end])
 
 
 def unknown_columns(path: Path) -> list[str]:
-    """The named columns of a file that nobody reads. Raises InputError where it cannot be read or has no header."""
+    """Names of columns that are neither required nor optional. Raises InputError without a readable header."""
     with os_faults(path), open_text(path) as file:
         header, _ = _header(path, file)
     return [name for name in header if name and name not in REQUIRED + OPTIONAL]
@@ -188,7 +188,7 @@ def _split_line(path: Path, text: str, line: int) -> list[str]:
 
 
 def _usable(chunk: _Chunk, users: Sequence[User]) -> Iterator[Ranges]:
-    """The ranges of a chunk without the rows that are refused, found by halving; in parts, one at least."""
+    """Ranges of a chunk without its refused rows, which are found by bisection, in one part or more."""
     try:
         yield _ranges(chunk, users, np.inf)
     except InputError:

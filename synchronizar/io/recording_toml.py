@@ -88,10 +88,10 @@ def _parse(path: Path) -> dict[str, Any]:
 def read_user(
     path: str | Path, where: str, name: str, settings: object, up: Up, unknown: list[str] | None = None
 ) -> User:
-    """A user by its settings as recording.toml has them; `up` where they do not say.
+    """The user with these settings of recording.toml; `up` is the default vertical axis.
 
-    Raises InputError that names `path` and the setting, which stands at `where`; not for settings that nobody reads
-    where there is a list `unknown` to put their names in.
+    Raises InputError that names `path` and the setting, at `where`. An unknown setting is refused; with a list
+    `unknown` its name is appended there instead.
     """
     settings = _table(path, where, settings)
     _note_unknown(path, where, settings, SETTINGS, unknown)
@@ -119,7 +119,7 @@ def _lever(path: str | Path, where: str, antenna: str, lever: object) -> tuple[f
 
 
 def read_up(path: str | Path, where: str, value: object) -> Up:
-    """Which axis points up. Raises InputError for anything but z and y."""
+    """The vertical axis in a setting. Raises InputError for anything but z and y."""
     if value == "z":
         return "z"
     if value == "y":

@@ -16,7 +16,7 @@ from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, is_number, open_text, qu
 
 COLUMNS = 8
 LARGEST_UNIT = 1e3
-"""In a metre: positions may be in millimetres by mistake."""
+"""Units in a metre at most: positions may be in millimetres by mistake."""
 
 
 def read_tum(path: Path, up: Up = "z") -> Track:
@@ -88,7 +88,7 @@ def _read_rows(path: Path) -> Array:
 
 
 def _faults(rows: Array) -> list[tuple[Mask, str]]:
-    """Which poses (n,) cannot be used, and why."""
+    """Each possible fault of a pose: which of the n poses have it (n,), and its text."""
     return [
         (~np.asarray(np.isfinite(rows).all(axis=1)), "a number is not finite"),
         (np.abs(rows[:, 0]) > MAX_STAMP, f"the stamp is beyond {MAX_STAMP:g}; stamps are in seconds"),
