@@ -1,4 +1,4 @@
-"""Four walkers whose SLAM drifts and jumps, one range in five late: simulated, registered, compared, drawn.
+"""Demo: simulates four walkers with drift, jumps and 20 % NLOS ranges, registers, evaluates and plots them.
 
 `python -m experiments.demo [--out demo]` leaves the recording in demo/walk and the answer, with its picture, in
 demo/answer.

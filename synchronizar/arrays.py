@@ -1,4 +1,4 @@
-"""The array types that signatures name, and how arrays in frozen dataclasses are kept from being written to."""
+"""Array types for signatures, and read-only arrays for frozen dataclasses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 
 
 def freeze_arrays(holder: DataclassInstance) -> None:
-    """Replace each array of a frozen dataclass by a view of it that cannot be written to."""
+    """Replace each field of a frozen dataclass, all of them arrays, by a read-only view."""
     for f in fields(holder):
         view = getattr(holder, f.name).view()
         view.flags.writeable = False

@@ -1,4 +1,4 @@
-"""Work that is done a portion at a time, each of some milliseconds: whoever drives it decides when the next is done."""
+"""Cooperative scheduling: work that yields every few milliseconds, so that its caller decides when it goes on."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import TypeVar
 T = TypeVar("T")
 
 Cooperative = Generator[None, None, T]
-"""Yields after each portion, and returns what it was for."""
+"""Yields after each portion of the work and returns its result."""
 
 
 def finish(work: Cooperative[T]) -> T:
-    """All portions that are left, one after the other."""
+    """Run the work to its end and return its result."""
     while True:
         try:
             next(work)

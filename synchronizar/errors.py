@@ -1,4 +1,4 @@
-"""What is told to a user whose input cannot be used."""
+"""The error for input that cannot be used."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 class InputError(ValueError):
-    """An input that cannot be used: one line that names the place and the fault.
+    """Input that cannot be used. The message is one line that names the place and the fault.
 
     `place` is a file or an option, `line` the line in it, counted from 1.
     """
@@ -20,7 +20,7 @@ class InputError(ValueError):
 
 @contextmanager
 def os_faults(path: Path) -> Iterator[None]:
-    """Whatever the operating system refuses to do with `path` becomes an InputError that names it."""
+    """Context in which an OSError is raised as an InputError that names `path`."""
     try:
         yield
     except OSError as error:

@@ -1,7 +1,6 @@
-"""Gravity-aligned frames and the little quaternion arithmetic that tracks need, on arrays.
+"""Gravity-aligned frames and angles: mapping points and attitudes from one frame to another, on arrays.
 
-Every frame is right-handed and z up unless it says otherwise. Quaternions are unit, x y z w, and turn body axes into
-the frame's axes.
+Every frame is right-handed, z up unless stated otherwise, in m and rad.
 """
 
 from __future__ import annotations
@@ -13,35 +12,37 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from synchronizar.arrays import Array
+from synchronizar.quaternions import inverse_quaternions, multiply_quaternions, yaw_quaternion
 
 Up = Literal["z", "y"]
-"""Which axis of a frame points up."""
+"""The vertical axis of a frame."""
 
-# Rows are the axes of z-up in those of y-up (ARKit, ARCore, WebXR, OpenXR): x = -z, y = -x, z = y.
 Z_UP_FROM_Y_UP: Array = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""(3, 3): axes with y up (ARKit, ARCore, WebXR, OpenXR) into axes with z up: x = -z, y = -x, z = y."""
 QUATERNION_Z_UP_FROM_Y_UP: Array = np.array([0.5, -0.5, -0.5, 0.5])
+"""(4,) x y z w: the same rotation."""
 
 
 @dataclass(frozen=True)
 class YawFrame:
     """`a_from_b` of two gravity-aligned frames, each z up or y up.
 
-    With both z up: p_a = Rz(yaw) (scale p_b) + (x, y, z); m and rad. Points of a y-up frame are brought to z up before
-    (x = -z, y = -x, z = y) and results for one back after, so points and attitudes are always in each frame's own axes.
+    With both z up: p_a = Rz(yaw) (scale p_b) + (x, y, z); m and rad. Points of a y-up frame b are first converted to
+    z up (x = -z, y = -x, z = y), results for a y-up frame a back to y up: each frame keeps its own axes.
     """
 
     x: float = 0.0
-    """m; this and y, z, yaw are in z-up axes, whatever the frames' own are."""
+    """m; x, y, z and yaw are in z-up axes, also where a frame's own are y up."""
     y: float = 0.0
     z: float = 0.0
     yaw: float = 0.0
     """rad."""
     scale: float = 1.0
-    """Lengths in a for each in b."""
+    """Length in a over length in b."""
     up_b: Up = "z"
-    """Which axis of b points up: `a_from_b @ points` takes points in these axes."""
+    """Vertical axis of b, in whose axes `a_from_b @ points` takes points."""
     up_a: Up = "z"
-    """Which axis of a points up."""
+    """Vertical axis of a, in whose axes the results are."""
 
     @property
     def translation(self) -> Array:
@@ -50,7 +51,7 @@ class YawFrame:
 
     @property
     def matrix(self) -> Array:
-        """(4, 4) homogeneous matrix of the same map, scale included."""
+        """(4, 4) homogeneous matrix of `a_from_b`, scale included."""
         m = np.eye(4)
         m[:3, :3] = (self.apply(np.eye(3)) - self.translation).T
         m[:3, 3] = self.translation
@@ -58,7 +59,7 @@ class YawFrame:
 
     @property
     def z_up(self) -> YawFrame:
-        """The same frames with both read z up."""
+        """The same transform between z-up axes of both frames."""
         return replace(self, up_a="z", up_b="z")
 
     def inverse(self) -> YawFrame:
@@ -68,7 +69,7 @@ class YawFrame:
         return YawFrame(x, y, z, -self.yaw, 1.0 / self.scale, self.up_a, self.up_b)
 
     def apply(self, points: ArrayLike) -> Array:
-        """Points (..., 3) in b -> the same points in a. Raises ValueError for another shape."""
+        """(..., 3) m: points (..., 3) of b, in a. Raises ValueError for another shape."""
         p = np.asarray(points, dtype=float)
         if p.shape[-1:] != (3,):
             raise ValueError(f"points must have shape (..., 3), not {p.shape}")
@@ -96,20 +97,22 @@ class YawFrame:
         return YawFrame(x, y, z, wrap_angle(self.yaw + other.yaw), scale, other.up_b, self.up_a)
 
     def rotate_quaternions(self, quat_xyzw: Array) -> Array:
-        """Attitudes (n, 4) in b -> the same attitudes in a; body axes stay as they are."""
-        turn = yaw_quaternion(self.yaw)
+        """(n, 4) x y z w: attitudes (n, 4) in b, in a; body axes stay as they are."""
+        rotation = yaw_quaternion(self.yaw)
         if self.up_b == "y":
-            turn = multiply_quaternions(turn, QUATERNION_Z_UP_FROM_Y_UP)
+            rotation = multiply_quaternions(rotation, QUATERNION_Z_UP_FROM_Y_UP)
         if self.up_a == "y":
-            turn = multiply_quaternions(QUATERNION_Z_UP_FROM_Y_UP * np.array([-1.0, -1.0, -1.0, 1.0]), turn)
-        return multiply_quaternions(turn, quat_xyzw)
+            rotation = multiply_quaternions(inverse_quaternions(QUATERNION_Z_UP_FROM_Y_UP), rotation)
+        return multiply_quaternions(rotation, quat_xyzw)
 
 
 def _to_z_up(points: Array, up: Up) -> Array:
+    """(..., 3) m: points in axes with `up` up, in axes with z up."""
     return points @ Z_UP_FROM_Y_UP.T if up == "y" else points
 
 
 def _from_z_up(points: Array, up: Up) -> Array:
+    """(..., 3) m: points in axes with z up, in axes with `up` up."""
     return points @ Z_UP_FROM_Y_UP if up == "y" else points
 
 
@@ -118,12 +121,12 @@ def wrap_angle(angle: float) -> float: ...
 @overload
 def wrap_angle(angle: Array) -> Array: ...
 def wrap_angle(angle: float | Array) -> float | Array:
-    """The same angle (rad), or angles, within [-pi, pi)."""
+    """The same angle, or angles, in rad within [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def apply_frames(frames: Array, points: Array) -> Array:
-    """Points (..., 3), each in a frame (..., 4) x, y, z, yaw -> the same points in what those frames are given in."""
+    """(..., 3) m: points (..., 3), each of a frame (..., 4) x, y, z, yaw, in the frame that those are given in."""
     c, s = np.cos(frames[..., 3]), np.sin(frames[..., 3])
     x, y, z = np.moveaxis(points, -1, 0)
     turned = np.stack(np.broadcast_arrays(c * x - s * y, s * x + c * y, z), axis=-1)
@@ -131,46 +134,20 @@ def apply_frames(frames: Array, points: Array) -> Array:
 
 
 def difference(frames: Array, others: Array) -> Array:
-    """(..., 4) x, y, z, yaw of frames minus those of others, yaw within [-pi, pi)."""
+    """(..., 4): x, y, z (m) and yaw (rad, within [-pi, pi)) of frames minus those of others."""
     out = frames - others
     out[..., 3] = wrap_angle(out[..., 3])
     return np.asarray(out)
 
 
 def rotation_2d(yaw: float) -> Array:
-    """(2, 2) rotation by yaw (rad)."""
+    """(2, 2) rotation matrix of yaw (rad)."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s], [s, c]])
 
 
-def yaw_quaternion(yaw: float) -> Array:
-    """(4,) x y z w: a turn by yaw (rad) about z."""
-    return np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)])
-
-
-def multiply_quaternions(left: Array, right: Array) -> Array:
-    """Hamilton products of quaternions (..., 4) x y z w: first `right` turns, then `left`."""
-    lv, lw = left[..., :3], left[..., 3:]
-    rv, rw = right[..., :3], right[..., 3:]
-    vector = lw * rv + rw * lv + np.cross(lv, rv)
-    scalar = lw * rw - np.sum(lv * rv, axis=-1, keepdims=True)
-    return np.concatenate([vector, scalar], axis=-1)
-
-
-def rotate_by_quaternions(quat_xyzw: Array, vectors: Array) -> Array:
-    """Vectors (..., 3) turned by unit quaternions (..., 4): v + 2 w (q x v) + 2 q x (q x v)."""
-    q, w = quat_xyzw[..., :3], quat_xyzw[..., 3:]
-    t = 2.0 * np.cross(q, vectors)
-    return vectors + w * t + np.cross(q, t)
-
-
-def yaw_of_quaternions(quat_xyzw: Array) -> Array:
-    """(n,) rad: the turn about z of unit quaternions (n, 4), what is left of them tilting (swing and twist)."""
-    return np.asarray(wrap_angle(2.0 * np.arctan2(quat_xyzw[..., 2], quat_xyzw[..., 3])))
-
-
 def relative_to(frames: Array, reference: int) -> Array:
-    """The same placements (k, 4) in the frame of the user `reference`."""
+    """(k, 4) x, y, z, yaw: frames (k, 4) as seen from the one at index `reference`."""
     x, y, z, yaw = frames[reference]
     c, s = np.cos(yaw), np.sin(yaw)
     dx, dy = frames[:, 0] - x, frames[:, 1] - y
@@ -180,7 +157,7 @@ def relative_to(frames: Array, reference: int) -> Array:
 
 
 def moved_frames(common: Array, frames: Array) -> Array:
-    """Frames (k, 4) x, y, z, yaw that are told in a frame which lies at `common` (4,)."""
+    """(k, 4) x, y, z, yaw: frames (k, 4) of a frame at `common` (4,), in the frame that `common` is given in."""
     out = frames.copy()
     out[:, :3] = apply_frames(np.broadcast_to(common, out.shape), frames[:, :3])
     out[:, 3] = wrap_angle(frames[:, 3] + common[3])

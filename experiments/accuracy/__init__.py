@@ -1,1 +1,1 @@
-"""How good the answers are, on simulated and real recordings."""
+"""Accuracy and calibration of registrations, on simulated and real recordings."""

@@ -1,4 +1,4 @@
-"""Whether the covariances are right.
+"""Consistency of covariances: normalised squared errors of registered users' frames and calibrations.
 
 `python -m experiments.accuracy.consistency [--seeds 50] [--recordings ../shared/recordings]`. Walks are drawn from the
 default model: SLAM drifts by the model's figures at 1 m/s, scale, biases and clocks are as spread as its priors (own

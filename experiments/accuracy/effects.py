@@ -1,4 +1,4 @@
-"""What each effect in the model is worth on real recordings: their figures with one at a time switched off.
+"""Ablation on real recordings: accuracy with each effect of the model switched off in turn.
 
 `python -m experiments.accuracy.effects ../shared/recordings [--only vub_exp2 ...]`: registers every recording with the
 default model, with one effect after the other taken out by numbers of the model, and as rigid frames. Prints a table in

@@ -1,4 +1,4 @@
-"""How well free walks are registered, beside the best that could be done.
+"""Accuracy of the rigid model on simulated free walks, against maximum likelihood and the Cramer-Rao bound.
 
 `python -m experiments.accuracy.free_walks [--late 0.3] [--seeds 200] [--users 2 3 4 5 6] [--seconds 12]` simulates free
 walks (sigma 0.1 m, every pair at 1000 / (80 + 21 (k - 1)) Hz), registers each, and compares the placements' errors with

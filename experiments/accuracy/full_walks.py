@@ -1,4 +1,4 @@
-"""How well the default model registers walks, beside the best that could be done under the same kind of model.
+"""Accuracy of the default model on simulated walks, against maximum likelihood that knows the noise and NLOS ranges.
 
 `python -m experiments.accuracy.full_walks [--seeds 50] [--users 2 3 4] [--quick]` simulates walks, registers each with
 the default model, and compares every user's last pose in the common frame (the reference's at its first pose) with that

@@ -1,4 +1,4 @@
-"""Late signals of other kinds than the model takes them for.
+"""Robustness to NLOS ranges of other kinds than the model assumes.
 
 `python -m experiments.accuracy.late_kinds [--seeds 100] [--users 2 4]`: free walks of 12 s with 30 % of the ranges
 late, in bursts of 0.2, 1 and 4 s, whose extra length is steady, fluctuates by a fifth (what the model expects), or is

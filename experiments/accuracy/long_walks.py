@@ -1,4 +1,4 @@
-"""How time and memory of the default model grow with the length of a recording.
+"""Time and memory of the default model over the length of a recording.
 
 `python -m experiments.accuracy.long_walks [--minutes 15 30 60] [--users 6]`: walks with tracks at 30 Hz, all pairs
 ranging at 8 Hz, and SLAM that drifts by 0.01 m and 0.003 rad per root second; simulated, loaded and registered in

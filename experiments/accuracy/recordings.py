@@ -1,4 +1,4 @@
-"""Every real recording under a folder: what either model makes of it.
+"""Accuracy of either model on every real recording in a folder.
 
 `python -m experiments.accuracy.recordings ../shared/recordings [--model rigid]`: registers each, compares it with its
 truth, and prints a table.

@@ -1,1 +1,1 @@
-"""What the experiments share."""
+"""Shared by the experiments."""

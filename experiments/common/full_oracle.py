@@ -1,4 +1,4 @@
-"""What the experiments on the full model share: where everybody is at last, and maximum likelihood from the truth.
+"""Shared by experiments on the full model: true final poses, and maximum likelihood started at the truth.
 
 The common frame is the reference's own at its first pose, as `register` has it.
 """
@@ -13,14 +13,7 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
-from synchronizar.geometry import (
-    YawFrame,
-    apply_frames,
-    difference,
-    multiply_quaternions,
-    wrap_angle,
-    yaw_of_quaternions,
-)
+from synchronizar.geometry import YawFrame, apply_frames, difference, wrap_angle
 from synchronizar.graph.optimization import optimize
 from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.states import CLOCK, States, common_track
@@ -28,6 +21,7 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, keyframes_of
 from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.preprocessing.relocalizations import repair_relocalizations
+from synchronizar.quaternions import inverse_quaternions, multiply_quaternions, yaw_of_quaternions
 from synchronizar.simulation.simulate import Simulation
 
 _KNOWN = 1e-4  # a sigma that is next to nothing
@@ -167,4 +161,4 @@ def _slam_headings(truth: Track, own: Track) -> Array:
 
 def _beside(left: Array, right: Array) -> Array:
     """(n, 4): what turns the attitudes `right` into `left`."""
-    return multiply_quaternions(left, right * np.array([-1.0, -1.0, -1.0, 1.0]))
+    return multiply_quaternions(left, inverse_quaternions(right))

@@ -1,4 +1,4 @@
-"""Tables as a README has them."""
+"""Tables in markdown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the experiments beyond the paper's own share: the methods, how far off each is, intervals and their drawing.
+"""Shared by experiments beyond the paper's: the compared methods, their errors, confidence intervals and plots.
 
 Errors are of what a user sees through the reference's device: where another user's last place lies in the reference's
 own frame as that is at the end, so that a method that trusts SLAM is not blamed for how far the reference has drifted

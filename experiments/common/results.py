@@ -1,4 +1,4 @@
-"""Where results go: a table as CSV with the settings it was made with beside it, both in experiments/results/."""
+"""Writes results: a table as CSV and its settings beside it, both in experiments/results/."""
 
 from __future__ import annotations
 

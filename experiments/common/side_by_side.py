@@ -1,4 +1,4 @@
-"""Two people who walk side by side, the one where the other is plus an offset: the walk that the paper fears.
+"""Simulates two people who walk side by side, one at an offset from the other: the walk that the paper fears.
 
 While they keep step exactly, the distance between them never changes: it tells how far away the other is and not
 where, whatever else is known. The further the one strays from the other's side, the more it tells.

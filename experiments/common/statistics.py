@@ -1,4 +1,4 @@
-"""Tests that the paper's evaluation asks for, by statsmodels and scipy."""
+"""Statistical tests of the paper's evaluation, by statsmodels and scipy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the studies of the paper's evaluation share: options, tasks on many cores, intervals, and where results go.
+"""Shared by the studies of the paper's evaluation: options, parallel tasks, confidence intervals, results.
 
 Tasks are independent and seeded one by one, so results do not hang on how many cores there are, or on which machine of
 a Dask cluster a task was done.

@@ -1,4 +1,4 @@
-"""What the experiments on simulated walks share: truth, maximum likelihood from the truth's start, and the bound."""
+"""Shared by experiments on simulated walks: truth, maximum likelihood started at it, and the Cramer-Rao bound."""
 
 from __future__ import annotations
 

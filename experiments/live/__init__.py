@@ -1,1 +1,1 @@
-"""Registration while people walk: how soon, how true."""
+"""Registration while people walk: time to registration and accuracy."""

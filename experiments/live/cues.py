@@ -1,4 +1,4 @@
-"""Whether walking as the cues say is registered sooner.
+"""Time to registration of users who follow cues, against free walks and walks side by side.
 
 `python -m experiments.live.cues [--seeds 60]`: two people, ranges with 0.1 m at the paper's rate, nothing wrong with
 their devices. The first walks freely from place to place of a room of 6 m; the second walks freely too, or beside the
@@ -23,7 +23,8 @@ from synchronizar.data.ranges import papers_rate_hz
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.cues import Cue
 from synchronizar.estimation.incremental.engine import Engine
-from synchronizar.geometry import YawFrame, wrap_angle, yaw_quaternion
+from synchronizar.geometry import YawFrame, wrap_angle
+from synchronizar.quaternions import yaw_quaternion
 
 WAYS = {
     "free": "-C0",

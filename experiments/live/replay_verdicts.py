@@ -1,4 +1,4 @@
-"""Whether `registered` can be trusted while people walk.
+"""False registrations while people walk: how often a user called `registered` is off.
 
 `python -m experiments.live.replay_verdicts [--scenes 1000]` replays the scenes of `experiments.accuracy.verdicts`, the
 hard ones too; in every other one SLAM drifts and has a wrong scale, clocks are off and radios biased. An episode is a

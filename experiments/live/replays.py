@@ -1,4 +1,4 @@
-"""How soon users are registered while they walk, and how true that is then.
+"""Time to registration and accuracy of replays, of simulated walks and real recordings.
 
 `python -m experiments.live.replays [--walks 60] [--recordings ../shared/recordings] [--long 10] [--users 2 4]`.
 

@@ -1,4 +1,4 @@
-"""Modules that ride along a real recording's true tracks, and what its own SLAM makes of their ranges.
+"""Registers a real recording with ranges of simulated modules on its true tracks, beside its own ranges.
 
 `python -m experiments.modules.along_recordings RECORDING [--scheme one-to-n] [--seconds 60] [--seed 0]`: a recording
 with truth of everybody. The modules range in the simulated air, always in line of sight, and send by UDP; the stretch

@@ -1,4 +1,4 @@
-"""How many registrations a battery lasts for, and how long on standby: arithmetic from data sheets, not measured.
+"""Registrations and standby time of a battery, computed from data sheets; nothing is measured.
 
 `python -m experiments.modules.battery` prints the tables of firmware/BATTERY.md.
 """

@@ -1,4 +1,4 @@
-"""The whole chain: three walkers whose modules range in the simulated air, collected by UDP, registered, evaluated.
+"""The whole chain: modules of three walkers range in the simulated air; receiver, registration, evaluation.
 
 `python -m experiments.modules.end_to_end [--walks 4]`: the same walks of 12 s (ranges good to 0.03 m, one in ten late)
 with each scheme, the paper's own rate (polling) among them. How soon somebody is registered counts from when modules

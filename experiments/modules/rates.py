@@ -1,8 +1,8 @@
-"""What the modules' firmware does in the simulated air: how often it ranges, how well, and who comes and goes.
+"""Ranging rates and errors of the modules' firmware in the simulated air, and how modules join and leave.
 
 `python -m experiments.modules.rates [--seconds 4] [--repeats 4]`. Modules stand on a circle of 3 m, their crystals up
 to 20 ppm off, their stamps so noisy that ranges are good to 2 cm. Errors are those of ranges in line of sight unless
-told.
+stated otherwise.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The evaluation of SynchronizAR (Huo et al., UIST 2018), redone."""
+"""The evaluation of SynchronizAR (Huo et al., UIST 2018), repeated."""

@@ -1,4 +1,4 @@
-"""Two users who each sample a box of the room: what the paper's figures 7 and 8 are about.
+"""Simulates two users who each sample a box of the room, as for the paper's figures 7 and 8.
 
 Each user is at 3000 places, drawn evenly in its box, with distances between them (0.1 m of noise, the paper's own
 figure for its radios). For each of some transforms some of these are chosen at random, the partner's places are put

@@ -1,4 +1,4 @@
-"""How far apart two users may be while they sample: the paper's figure 8.
+"""Error over the distance between two sampling users: the paper's figure 8.
 
 `python -m experiments.paper.distance [--full] [--seed N] [--scheduler ADDRESS]`: users 3 to 6 m apart, boxes 1.6 m
 wide, heights 1.2 to 1.8 m, 100 samples of 3000 (see experiments/paper/boxes.py); at the paper's size 10 repeats of 100

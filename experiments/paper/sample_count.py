@@ -1,4 +1,4 @@
-"""How many samples are enough, and how long solvers take.
+"""Error and solving time over the number of samples.
 
 `python -m experiments.paper.sample_count [--full] [--seed N] [--scheduler ADDRESS]`: users 6 m apart, boxes 1.6 m wide,
 heights 1.2 to 1.8 m (see experiments/paper/boxes.py), 10 to 1000 samples. The paper took 100 of them, which

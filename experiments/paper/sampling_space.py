@@ -1,4 +1,4 @@
-"""How large the space must be in which two users sample: the paper's figure 7.
+"""Error over the size of the space in which two users sample: the paper's figure 7.
 
 `python -m experiments.paper.sampling_space [--full] [--seed N] [--scheduler ADDRESS]`: users 6 m apart, boxes 1.4 to
 2.0 m wide, of three ranges of height, 100 samples of 3000 (see experiments/paper/boxes.py); at the paper's size 10

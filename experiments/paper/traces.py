@@ -1,4 +1,4 @@
-"""Trace following (SynchronizAR, Huo et al., UIST 2018, figures 10 and 11).
+"""Trace following: figures 10 and 11 of SynchronizAR (Huo et al., UIST 2018).
 
 `python -m experiments.paper.traces [--full] [--seed N] [--scheduler ADDRESS]`
 

@@ -1,1 +1,1 @@
-"""How long it takes, and how much memory."""
+"""Computing time and memory."""

@@ -1,4 +1,4 @@
-"""How long a registration takes, and what the C++ kernel is worth in it.
+"""Computing time of a registration, with the C++ kernel and with the same kernel in numpy.
 
 `python -m experiments.performance.bench`: free walks with clean ranges, rigid model. For each size: the search for a
 start (initialise), the joint solve from it to the first minimum, the same solve with the kernel in numpy (one

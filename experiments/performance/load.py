@@ -1,4 +1,4 @@
-"""How long a large recording takes to load, and how much memory: `python -m experiments.performance.load`."""
+"""Time and memory to load a large recording: `python -m experiments.performance.load`."""
 
 from __future__ import annotations
 

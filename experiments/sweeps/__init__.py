@@ -1,1 +1,1 @@
-"""One thing after another gets worse: the paper's method beside ours."""
+"""Parameter sweeps: the paper's method and ours as one condition after another gets harder."""

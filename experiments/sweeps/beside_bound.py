@@ -1,4 +1,4 @@
-"""Beyond the paper: errors beside the Cramer-Rao bound.
+"""Beyond the paper: errors against the Cramer-Rao bound.
 
 `python -m experiments.sweeps.beside_bound [--full] [--seed N] [--scheduler ADDRESS]`: clean walks of two and of four, 3
 to 24 s; the paper's method, ours with SLAM trusted (the model that the bound is of), and maximum likelihood that starts

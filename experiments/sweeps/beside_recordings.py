@@ -1,4 +1,4 @@
-"""Beyond the paper: its method and ours on real recordings, beside their truth.
+"""Beyond the paper: errors of its method and of ours on real recordings with a truth.
 
 `python -m experiments.sweeps.beside_recordings [--recordings FOLDER] [--scheduler ADDRESS]`: each recording once.
 A table and a figure beyond_recordings; nothing where there is no recording with truth.

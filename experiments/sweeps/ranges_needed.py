@@ -1,4 +1,4 @@
-"""Beyond the paper: how much ranging it takes until users are placed to 0.15 m, by their number.
+"""Beyond the paper: duration of ranging until users are registered to 0.15 m, by their number.
 
 `python -m experiments.sweeps.ranges_needed [--full] [--seed N] [--scheduler ADDRESS]`: clean walks of 24 s, cut off
 after 3 s and more, by the paper's method and by ours. What is needed is the least of these after which, and after all

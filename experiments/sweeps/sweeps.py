@@ -1,4 +1,4 @@
-"""Beyond the paper: what becomes of the paper's method and of ours as one thing after another gets worse.
+"""Beyond the paper: errors of its method and of ours as one condition after another gets harder.
 
 `python -m experiments.sweeps.sweeps [--full] [--seed N] [--scheduler ADDRESS]`: walks in a room of 6 m, three users and
 12 s unless told otherwise, ranges with the hardware's 0.1 m; more users, late signals, SLAM that drifts, clocks that

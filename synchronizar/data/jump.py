@@ -1,4 +1,4 @@
-"""Where SLAM re-localised."""
+"""Jumps of SLAM: re-localisations."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Jump:
-    """Where SLAM's pose moved and the device did not."""
+    """A step in which SLAM's pose moved and the device did not."""
 
     t: float
-    """s, own stamp of the first pose after it."""
+    """s, own clock: stamp of the first pose after it."""
     pose: int
     """Index of that pose."""
     distance: float
-    """m: how far the position jumped, beyond what its neighbours predict."""
+    """m: how far the position jumped, beyond the motion that neighbouring steps predict."""
     turn: float
-    """rad: by how much SLAM's heading did, about the vertical."""
+    """rad: how far SLAM's heading jumped, about the vertical."""
     tilt: float
-    """rad: by how much its vertical did; 0 where that is within the noise of attitudes."""
+    """rad: how far SLAM's vertical jumped; 0 where that is within the noise of attitudes."""

@@ -1,4 +1,4 @@
-"""Measured distances between devices, in columns."""
+"""Ranges: measured distances between devices, as columns."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from synchronizar.arrays import Array, Indices, Mask, freeze_arrays
 
 SOURCES = ("module", "overheard", "android", "apple", "simulated")
-"""Who may have measured a range: a UWB module itself, or from what it overheard of others; a phone; nobody."""
+"""Who measured a range: a UWB module itself, or from frames of others that it overheard; a phone; the simulation."""
 
 
 @dataclass(frozen=True)
 class Ranges:
-    """n measured distances, in columns; the stamps are those of the one range clock.
+    """n measured distances as columns, stamped by the one range clock.
 
     Raises ValueError where the columns' lengths disagree, a distance is from a device to itself, a time is not finite,
     a sigma not positive, or a source not one of SOURCES.
@@ -28,19 +28,19 @@ class Ranges:
     b: Indices
     """(n,) index of the other."""
     distance: Array
-    """(n,) m; may be slightly negative. What is not finite was measured all the same and is never usable."""
+    """(n,) m; may be slightly negative. A value that is not finite is kept and never usable."""
     sigma: Array
     """(n,) m, 1 sigma; NaN where the recording does not say."""
     antenna_a: Indices
-    """(n,) which of the one's antennas, in the order of `User.antennas`; -1: its origin."""
+    """(n,) index of the antenna of `a`, in the order of `User.antennas`; -1: its origin."""
     antenna_b: Indices
-    """(n,) which of the other's."""
+    """(n,) the same of `b`."""
     rx_power: Array
-    """(n,) dBm received in all; NaN where unknown."""
+    """(n,) dBm: total received power; NaN where unknown."""
     fp_power: Array
-    """(n,) dBm received in the first path; NaN where unknown."""
+    """(n,) dBm: received power of the first path; NaN where unknown."""
     nlos: Array
-    """(n,) 1 where the radio itself takes the signal for a late one, 0 where not; NaN where it does not say."""
+    """(n,) 1 where the radio itself reports NLOS, 0 where line of sight; NaN where it does not say."""
     source: Indices
     """(n,) index in SOURCES; -1 where unknown."""
 
@@ -75,7 +75,7 @@ class Ranges:
         distance: Array,
         **optional: Array | Indices,
     ) -> Ranges:
-        """Ranges of which some columns are not known: those stay NaN, sources -1, antennas at the origin."""
+        """Ranges from the columns that are known; the others are NaN, sources -1, antennas the origin."""
         unknown: dict[str, Array | Indices] = {
             name: np.full(len(t), np.nan) for name in ("sigma", "rx_power", "fp_power", "nlos")
         }
@@ -84,5 +84,5 @@ class Ranges:
 
 
 def papers_rate_hz(partners: int) -> float:
-    """How often a module of SynchronizAR (Huo et al., UIST 2018) ranges to each of its partners."""
+    """Hz: how often a module of SynchronizAR (Huo et al., UIST 2018) ranges to each of its `partners` partners."""
     return 1000.0 / (80.0 + 21.0 * partners)

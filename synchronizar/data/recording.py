@@ -19,7 +19,8 @@ from synchronizar.data.findings import Finding
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
-from synchronizar.geometry import Up, rotate_by_quaternions
+from synchronizar.geometry import Up
+from synchronizar.quaternions import rotate_by_quaternions
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A device's own poses, as its SLAM gave them."""
+"""Tracks: timed poses of a device, and their interpolation."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from synchronizar.arrays import Array, Mask, freeze_arrays
 
 
 class Poses(NamedTuple):
-    """A track read at n times."""
+    """Poses of a track at n times, interpolated."""
 
     position: Array
-    """(n, 3) m, in the device's own frame."""
+    """(n, 3) m, in the track's frame."""
     quat_xyzw: Array
-    """(n, 4) attitude: body axes into the device's own frame."""
+    """(n, 4) attitudes: body axes into the track's frame."""
     valid: Mask
-    """(n,) whether the track covers that time; where it does not, the numbers mean nothing."""
+    """(n,) whether the track covers that time; elsewhere the pose is meaningless."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """A device's own poses, in its own frame and by its own clock.
+    """n > 0 poses of one device in one frame, by the device's own clock; as SLAM gives them, the frame is its own.
 
     Raises ValueError where shapes disagree, a number is not finite, or the stamps do not rise strictly.
     """
@@ -51,7 +51,7 @@ class Track:
         return len(self.t)
 
     def at(self, t: Array, max_gap: float) -> Poses:
-        """The poses at times t (n,), interpolated: positions linearly, attitudes along the shorter chord.
+        """The poses at times t (n,) s: positions interpolated linearly, attitudes along the shorter chord.
 
         A time before the first stamp, after the last, or inside a gap longer than `max_gap` s is not valid.
         """
@@ -70,5 +70,5 @@ class Track:
         return Poses(position, chord / np.linalg.norm(chord, axis=1, keepdims=True), valid)
 
     def extent(self) -> float:
-        """The longest way between any two positions, to within a factor of sqrt(3) (m): the box's diagonal."""
+        """m: diagonal of the positions' bounding box; the two furthest are apart by this over sqrt(3) at least."""
         return float(np.linalg.norm(np.ptp(self.position, axis=0)))

@@ -1,4 +1,4 @@
-"""What is told while people walk, moment by moment."""
+"""Registration while people walk: the state of every user at each update."""
 
 from __future__ import annotations
 
@@ -11,37 +11,38 @@ from synchronizar.geometry import YawFrame
 
 
 class UserUpdate(NamedTuple):
-    """One user at one moment."""
+    """One user at one update."""
 
     state: State
     common_from_user: YawFrame | None
-    """At its last pose."""
+    """Its frame in the common frame at its last pose; None where it is disconnected."""
     covariance: Array | None
-    """(4, 4) of x, y, z (m) and yaw (rad), as of the last solve."""
+    """(4, 4) of additive errors in x, y, z (m) and yaw (rad), as of the last solve; None where unknown."""
     progress: float
-    """0 .. 1: how near it is to being registered."""
+    """0 to 1: how near it is to being registered."""
     static: bool
-    """A radio that stands still has no heading."""
+    """Whether it is a static radio, which has no heading."""
     cue: str | None
-    """Which way to walk, where that would tell what is not known yet."""
+    """The walk that would reduce the uncertainty most, as a sentence; None where none is needed."""
 
 
 class Update(NamedTuple):
-    """What was known at one moment."""
+    """All users at one moment."""
 
     t: float
     """s, range clock."""
     seconds: float
-    """How long it took."""
+    """s: wall time that the update took."""
     users: dict[str, UserUpdate]
     events: list[str]
+    """What changed with this update, one sentence each."""
 
 
 class Replay(NamedTuple):
-    """All that was known, each thing at its own time."""
+    """The result of a replay."""
 
     updates: list[Update]
     tracks: dict[str, Track]
-    """In the common frame: each pose as it was known at its moment, of users that were registered then."""
+    """Causal tracks in the common frame: each pose as known at its own moment, where its user was registered then."""
     registration: Registration
     """At the end."""

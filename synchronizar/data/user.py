@@ -1,4 +1,4 @@
-"""What a recording says of a device besides its track."""
+"""A device's settings: what a recording says of it besides its track."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from synchronizar.geometry import Up
 
 @dataclass(frozen=True)
 class User:
-    """A device as it is described: its name, whether it is a radio that stands still, its antennas.
+    """A device: its name, whether it is a static radio, its height prior, its antennas.
 
     Raises ValueError where its height_sigma is not positive.
     """
 
     name: str
     static: bool = False
-    """Whether it is a radio that stands still: it has no track and no heading."""
+    """Whether it is a static radio, which has no track and no heading."""
     height_sigma: float | None = None
-    """m, 1 sigma: how far its origin may lie above or below the others'; None leaves it to the model."""
+    """m, 1 sigma: how far its origin may lie above or below the others'; None: the model's default."""
     antennas: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Lever arm (m) of each named antenna in the body frame; none: one antenna at the origin."""
     up: Up = "z"
-    """Which axis points up in its own track file; in memory every track is z up."""
+    """Vertical axis of its own track file; in memory every track is z up."""
 
     @property
     def levers(self) -> Array:
-        """(m + 1, 3) m: the lever arms in their order; the row of zeros at the end is the one that -1 reads."""
+        """(m + 1, 3) m: the antennas' lever arms in their order, then zeros for the antenna -1, the origin."""
         return np.array([*self.antennas.values(), (0.0, 0.0, 0.0)])
 
     def __post_init__(self) -> None:

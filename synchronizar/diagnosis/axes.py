@@ -22,7 +22,8 @@ from synchronizar.arrays import Array
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
-from synchronizar.geometry import Up, rotate_by_quaternions
+from synchronizar.geometry import Up
+from synchronizar.quaternions import rotate_by_quaternions
 
 Order = Literal["xyzw", "wxyz"]
 OWN_AXES = {"z": "xyz", "y": "zxy"}

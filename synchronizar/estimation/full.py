@@ -18,7 +18,7 @@ from synchronizar.estimation.initialisation import connected
 from synchronizar.estimation.local_optima import BETTER, LocalOptimum, compare, refine, with_measured_weights
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import slips
-from synchronizar.geometry import apply_frames, multiply_quaternions, wrap_angle, yaw_of_quaternions, yaw_quaternion
+from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.states import SCALE, common_track
 from synchronizar.graph.step_noise import step_noise
@@ -27,6 +27,7 @@ from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, key
 from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.progress import Progress, stage, unheard
+from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternion
 
 
 class Solved(NamedTuple):

@@ -12,9 +12,10 @@ import numpy as np
 
 from synchronizar.arrays import Array, Indices
 from synchronizar.data.track import Track
-from synchronizar.geometry import apply_frames, multiply_quaternions, wrap_angle
+from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.quaternions import multiply_quaternions
 
 SCALE, BIAS, CLOCK = range(3)
 """Columns of `States.calibration`."""

@@ -1,4 +1,4 @@
-"""Datagrams between modules and whoever collects ranges: the table "On the network" in firmware/PROTOCOL.md."""
+"""Encodes and decodes datagrams between modules and collectors: the table "On the network" in firmware/PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -48,98 +48,98 @@ RANGE: Final = np.dtype(
         ("reserved", "u1"),
     ]
 )
-"""One range; its fields are explained in PROTOCOL.md."""
+"""One range; PROTOCOL.md explains its fields."""
 
-# Magic, version, kind, count, reserved, session, address, reserved, sequence; then what is of each kind.
-_BEGIN = "<4sBBBBIHHQ"
-_RANGES = struct.Struct(_BEGIN + "QII")
-_ORDER = struct.Struct(_BEGIN + "I")
+# Magic, version, kind, count, reserved, session, address, reserved, sequence; then the fields of each kind.
+_HEADER = "<4sBBBBIHHQ"
+_RANGES = struct.Struct(_HEADER + "QII")
+_ORDER = struct.Struct(_HEADER + "I")
 _MAX_SIZE = _RANGES.size + MAX_RANGES * RANGE.itemsize + TAG_SIZE
 _U32, _U64 = 2**32, 2**64
 
 
 class WireError(ValueError):
-    """A datagram that is refused, or cannot be said: the reason is one line."""
+    """A datagram that is refused or cannot be encoded; the message is the reason, one line."""
 
 
 @dataclass(frozen=True)
 class RangesDatagram:
-    """What one module or phone tells: ranges that it measured, by one clock."""
+    """Ranges that one module or phone measured, stamped by one clock."""
 
     session: int
     reporter: int
-    """Address of who measured."""
+    """Address of the device that measured."""
     sequence: int
-    """Ever rising, over restarts too: those are counted in the upper 32 bits."""
+    """Rises from datagram to datagram, also over restarts, which its upper 32 bits count."""
     epoch: int
-    """Which clock the times are of."""
+    """Identifies the clock of `time_ns`."""
     time_ns: int
-    """By that clock; the ranges' offsets are after it."""
+    """ns by that clock; each range's offset is added to it."""
     dropped: int
-    """How many ranges were dropped since the reporter's start because they got too old to be sent."""
+    """Ranges that were too old to be sent and dropped, since the reporter's start."""
     ranges: NDArray[np.void]
-    """(n,) of RANGE; read-only where it was decoded."""
+    """(n,) of RANGE; read-only where decoded."""
 
 
 @dataclass(frozen=True)
 class OrderDatagram:
-    """What a collector tells one module."""
+    """An order from a collector to one module."""
 
     session: int
     module: int
     """Its address."""
     sequence: int
-    """Of the module's datagram that it answers; each can be answered once."""
+    """Sequence of the module's datagram that it answers; each can be answered once."""
     sleep_s: int
-    """It is registered and may sleep so long; 0: it shall range on."""
+    """s that the module, now registered, may sleep; 0: it goes on ranging."""
 
 
 def encode_ranges(datagram: RangesDatagram, key: bytes) -> bytes:
-    """The bytes, sealed with the session's key. Raises WireError where a value is out of its bounds."""
+    """Bytes of the datagram with the tag of the session's key. Raises WireError where a value is out of its bounds."""
     _check_numbers(
         (datagram.session, _U32), (datagram.sequence, _U64), (datagram.epoch, _U32), (datagram.dropped, _U32)
     )
     if datagram.ranges.dtype != RANGE or datagram.ranges.ndim != 1:
         raise WireError("the ranges are not an array of RANGE")
     _check_ranges(datagram)
-    begin = _RANGES.pack(
+    body = _RANGES.pack(
         *(MAGIC, VERSION, RANGES, len(datagram.ranges), 0),
         *(datagram.session, datagram.reporter, 0, datagram.sequence),
         *(datagram.time_ns, datagram.epoch, datagram.dropped),
     )
-    return _sealed(begin + datagram.ranges.tobytes(), key)
+    return _tagged(body + datagram.ranges.tobytes(), key)
 
 
 def decode_ranges(datagram: bytes, key: bytes) -> RangesDatagram:
-    """What the bytes say. Raises WireError for whatever is not exactly such a datagram, or has another key's tag."""
+    """The datagram in the bytes. Raises WireError for other bytes, or the tag of another key."""
     if not _RANGES.size + TAG_SIZE <= len(datagram) <= _MAX_SIZE:
         raise WireError("size")
     _check_tag(datagram, key)
-    *begin, time_ns, epoch, dropped = _RANGES.unpack_from(datagram)
-    count, session, reporter, sequence = _checked(begin, RANGES)
+    *header, time_ns, epoch, dropped = _RANGES.unpack_from(datagram)
+    count, session, reporter, sequence = _checked(header, RANGES)
     if len(datagram) != _RANGES.size + count * RANGE.itemsize + TAG_SIZE:
         raise WireError("size")
     ranges = np.frombuffer(datagram, RANGE, count, _RANGES.size)
-    said = RangesDatagram(session, reporter, sequence, epoch, time_ns, dropped, ranges)
-    _check_ranges(said)
-    return said
+    decoded = RangesDatagram(session, reporter, sequence, epoch, time_ns, dropped, ranges)
+    _check_ranges(decoded)
+    return decoded
 
 
 def encode_order(order: OrderDatagram, key: bytes) -> bytes:
-    """The bytes, sealed with the session's key. Raises WireError where a value is out of its bounds."""
+    """Bytes of the datagram with the tag of the session's key. Raises WireError where a value is out of its bounds."""
     _check_numbers((order.session, _U32), (order.sequence, _U64), (order.sleep_s, _U32))
     _check_address(order.module)
-    begin = (MAGIC, VERSION, ORDER, 0, 0, order.session, order.module, 0, order.sequence)
-    return _sealed(_ORDER.pack(*begin, order.sleep_s), key)
+    header = (MAGIC, VERSION, ORDER, 0, 0, order.session, order.module, 0, order.sequence)
+    return _tagged(_ORDER.pack(*header, order.sleep_s), key)
 
 
 def decode_order(datagram: bytes, key: bytes) -> OrderDatagram:
-    """What the bytes say. Raises WireError for whatever is not exactly such a datagram, or has another key's tag."""
+    """The order in the bytes. Raises WireError for other bytes, or the tag of another key."""
     if len(datagram) != _ORDER.size + TAG_SIZE:
         raise WireError("size")
     _check_tag(datagram, key)
-    *begin, sleep_s = _ORDER.unpack_from(datagram)
-    count, session, module, sequence = _checked(begin, ORDER)
+    *header, sleep_s = _ORDER.unpack_from(datagram)
+    count, session, module, sequence = _checked(header, ORDER)
     if count:
         raise WireError("count")
     _check_address(module)
@@ -147,14 +147,14 @@ def decode_order(datagram: bytes, key: bytes) -> OrderDatagram:
 
 
 class Window:
-    """Which sequences of one sender have been taken: of the newest and the 63 before it."""
+    """Replay protection: which of one sender's newest sequence and the 63 before it were taken."""
 
     def __init__(self) -> None:
         self._newest = -WINDOW
         self._taken = 0  # bit i: newest - i
 
     def take(self, sequence: int) -> bool:
-        """True once for each sequence that is not too old; False for one that came before."""
+        """Take a sequence: True once for each that is not too old, False for one that was taken before."""
         ahead = sequence - self._newest
         if ahead > 0:
             self._taken = (self._taken << min(ahead, WINDOW) | 1) & (_U64 - 1)
@@ -167,14 +167,15 @@ class Window:
         return True
 
 
-def _tag(said: bytes, key: bytes) -> bytes:
+def _tag(body: bytes, key: bytes) -> bytes:
+    """Message authentication code of TAG_SIZE bytes: keyed BLAKE2s."""
     if len(key) != KEY_SIZE:
         raise ValueError(f"a session's key has {KEY_SIZE} bytes")
-    return blake2s(said, digest_size=TAG_SIZE, key=key).digest()
+    return blake2s(body, digest_size=TAG_SIZE, key=key).digest()
 
 
-def _sealed(said: bytes, key: bytes) -> bytes:
-    return said + _tag(said, key)
+def _tagged(body: bytes, key: bytes) -> bytes:
+    return body + _tag(body, key)
 
 
 def _check_tag(datagram: bytes, key: bytes) -> None:
@@ -182,9 +183,9 @@ def _check_tag(datagram: bytes, key: bytes) -> None:
         raise WireError("tag")
 
 
-def _checked(begin: list[Any], expected_kind: int) -> tuple[int, int, int, int]:
-    """Count, session, address and sequence of what both kinds begin with."""
-    magic, version, kind, count, reserved_7, session, address, reserved_14, sequence = begin
+def _checked(header: list[Any], expected_kind: int) -> tuple[int, int, int, int]:
+    """Count, session, address and sequence from the header that both kinds have."""
+    magic, version, kind, count, reserved_7, session, address, reserved_14, sequence = header
     if magic != MAGIC:
         raise WireError("magic")
     if version != VERSION:
@@ -196,24 +197,24 @@ def _checked(begin: list[Any], expected_kind: int) -> tuple[int, int, int, int]:
     return count, session, address, sequence
 
 
-def _check_ranges(said: RangesDatagram) -> None:
+def _check_ranges(datagram: RangesDatagram) -> None:
     """Raises WireError where a value is out of its bounds."""
-    _check_address(said.reporter)
-    if len(said.ranges) > MAX_RANGES:
+    _check_address(datagram.reporter)
+    if len(datagram.ranges) > MAX_RANGES:
         raise WireError("count")
-    if not 0 <= said.time_ns <= MAX_TIME_NS:
+    if not 0 <= datagram.time_ns <= MAX_TIME_NS:
         raise WireError("time")
-    for reason, bad in _faults(said):
-        if np.count_nonzero(bad):  # several times as fast as any() on so few
+    for reason, bad in _faults(datagram):
+        if np.count_nonzero(bad):  # several times faster than any() on so few
             raise WireError(reason)
 
 
-def _faults(said: RangesDatagram) -> Iterator[tuple[str, Mask]]:
-    """What may be wrong with a range, and with which it is."""
-    ranges = said.ranges
+def _faults(datagram: RangesDatagram) -> Iterator[tuple[str, Mask]]:
+    """Each possible fault of a range, and which of the n ranges have it (n,)."""
+    ranges = datagram.ranges
     yield "reserved", ranges["reserved"] != 0
     yield "address", ranges["peer"] > LAST_ADDRESS
-    yield "itself", ranges["peer"] == said.reporter
+    yield "itself", ranges["peer"] == datagram.reporter
     yield "source", ranges["source"] >= len(SOURCES)
     yield "status", ranges["status"] > FAILED
     yield "distance", _beyond(ranges["distance_mm"], MAX_DISTANCE_MM)
@@ -232,6 +233,6 @@ def _check_address(address: int) -> None:
 
 
 def _check_numbers(*numbers: tuple[int, int]) -> None:
-    """Of what is to be encoded: each number must be at least 0 and below its bound."""
+    """Raises WireError where a number is below 0 or not below its bound."""
     if any(not 0 <= number < bound for number, bound in numbers):
         raise WireError("number")

@@ -1,14 +1,13 @@
-"""One range clock out of the clocks that datagrams tell times by.
+"""One range clock: stamps of all networks' clocks converted to the receiver's clock.
 
-Every network of modules has a clock of its own, and begins a new one (another epoch) when its coordinator restarts or
-two networks merge. All are brought to the clock of whoever received the datagrams: what comes in is later than what was
-measured, by a delay that is never below some least one. So each epoch's clock is compared with the receiver's by the
-straight line that no datagram lies below and that is highest amid them: of all such lines the one with the least sum of
-delays (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements, INFOCOM 1999). A
-line has no jump, and follows crystals that are off.
+Every network of modules has its own clock, and starts a new one (another epoch) when its coordinator restarts or two
+networks merge. A datagram arrives later than its newest range was measured, and the delay has a lower bound. So the
+receiver's time is a straight line over an epoch's time: of all lines with no datagram below them the one with the least
+sum of delays (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements, INFOCOM
+1999). A line has no jumps, and its slope is the skew of the two crystals.
 
-What is left: the least delay itself, some milliseconds that are the same in all of an epoch and that a solver's clock
-offsets take up; and a skew that changes, by 1 ppm over an hour 0.5 ms.
+Two errors remain: the least delay itself, some milliseconds, constant within an epoch, which the solver's clock offsets
+absorb; and changes of the skew, 0.5 ms where it changes by 1 ppm within an hour.
 """
 
 from __future__ import annotations
@@ -23,27 +22,27 @@ from synchronizar.arrays import Array
 MAX_SKEW = 1e-4
 """Two clocks do not drift apart faster: a UWB radio's is off by 20 ppm (IEEE 802.15.4), a computer's by 80 at most."""
 _THIRDS = 60
-"""How often the bracket around the skew loses a third of itself: to 1e-14."""
+"""Steps of the ternary search for the skew, each of which removes a third of the bracket: to 1e-14."""
 
 
 class _Line(NamedTuple):
-    """The receiver's clock is at `offset` s, and goes (1 + skew) s a second, when the epoch's is at `base_ns`."""
+    """Receiver's time (s) as a line over an epoch's: `offset` s at `base_ns`, rising by (1 + skew) s a second."""
 
     base_ns: int
     offset: float
     skew: float
 
     def seconds(self, time_ns: NDArray[np.int64]) -> Array:
-        """(n,) s by the receiver's clock."""
+        """(n,) s by the receiver's clock, of times (n,) ns by the epoch's."""
         since = 1e-9 * (time_ns - self.base_ns).astype(float)
         return since + self.skew * since + self.offset
 
 
 class RangeClock:
-    """The receiver's clock, seen from every epoch.
+    """Converts times of every epoch to the receiver's clock.
 
-    Made of (n,) datagrams: the epoch of each, the time of its newest range by that epoch's clock (ns), and when it came
-    in by the receiver's (s).
+    Fitted to n datagrams: the epoch (n,) of each, the time (n,) of its newest range by that epoch's clock (ns), and its
+    arrival (n,) by the receiver's clock (s).
     """
 
     def __init__(self, epoch: NDArray[np.uint32], newest_ns: NDArray[np.int64], arrived: Array) -> None:
@@ -52,7 +51,7 @@ class RangeClock:
         }
 
     def seconds(self, epoch: NDArray[np.uint32], time_ns: NDArray[np.int64]) -> Array:
-        """(n,) s by the receiver's clock of times in any epoch that the datagrams were of."""
+        """(n,) s by the receiver's clock, of times (n,) ns in epochs (n,) that the datagrams were of."""
         seconds = np.empty(len(epoch))
         for of in np.unique(epoch).tolist():
             seconds[epoch == of] = self._lines[of].seconds(time_ns[epoch == of])
@@ -60,12 +59,13 @@ class RangeClock:
 
 
 def _line_below(time_ns: NDArray[np.int64], arrived: Array) -> _Line:
+    """The line below all (n,) arrivals with the least sum of delays."""
     base_ns = int(time_ns[0]) + round(float(np.mean(time_ns - time_ns[0])))
     x = 1e-9 * (time_ns - base_ns).astype(float)
     y = arrived - x
 
     def height(skew: float) -> float:
-        """Of the highest line with that skew, amid the datagrams: concave in skew."""
+        """s: height, at the mean time, of the highest line of that skew below all arrivals; concave in skew."""
         return float((y - skew * x).min())
 
     least, most = -MAX_SKEW, MAX_SKEW

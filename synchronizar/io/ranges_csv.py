@@ -1,4 +1,4 @@
-"""Ranges in a CSV file with a header: t,a,b,range and, where they are known, sigma,antenna_a,antenna_b,rx_power,..."""
+"""Reads and writes ranges.csv: a header, a line for each range, optional columns where they are known."""
 
 from __future__ import annotations
 
@@ -22,18 +22,19 @@ from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, MIN_SIGMA, is_number, is
 
 REQUIRED = ("t", "a", "b", "range")
 OPTIONAL = ("sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos", "source")
-# 0.0 and 1.0 is how tables that know no blank integers write them.
+# Tables without blank integers write 0.0 and 1.0.
 NLOS = {"": np.nan, "0": 0.0, "0.0": 0.0, "false": 0.0, "1": 1.0, "1.0": 1.0, "true": 1.0}
 CHUNK_LINES = 2048
-"""Read at a time: few enough for their text to stay in the processor's cache, which makes it twice as fast."""
+"""Lines read at a time; their text stays in the processor's cache, which makes reading twice as fast."""
 
 
 def read_ranges_csv(path: Path, users: Sequence[User]) -> Ranges:
-    """All ranges in the order of the file, users and antennas by their index in `users` and `User.antennas`.
+    """All ranges in the order of the file; users and antennas become indices in `users` and `User.antennas`.
 
-    Columns may stand in any order and others beside them; blank lines are skipped; a value that is blank is not known.
-    A source that is not one of SOURCES is not known: the column is others' too.
-    A range of any size is taken, nan and inf too: it was measured, and whether it can be used is judged later.
+    Columns may stand in any order, among others; blank lines are skipped; a blank value is unknown, and so is a source
+    that is not one of SOURCES, since other tools use that column too. Distances of any size are kept, nan and inf too:
+    whether a range is usable is decided later.
+
     Raises InputError where the file cannot be read or a line is not a range between two different users.
     """
     with os_faults(path), open_text(path) as file:
@@ -42,7 +43,7 @@ def read_ranges_csv(path: Path, users: Sequence[User]) -> Ranges:
 
 
 def read_usable_ranges(path: Path, users: Sequence[User]) -> Ranges:
-    """The same without the rows that `read_ranges_csv` refuses; stamps of any size are taken.
+    """All ranges without the rows that `read_ranges_csv` refuses; stamps may have any size.
 
     Raises InputError where the file cannot be read or a line has not as many values as the header.
     """
@@ -52,23 +53,22 @@ def read_usable_ranges(path: Path, users: Sequence[User]) -> Ranges:
 
 
 def names_in_ranges_csv(path: Path) -> Counter[str]:
-    """How many ranges each name has, whether a user has it or not. Raises InputError as `read_usable_ranges` does."""
+    """Number of ranges of each name, users or not. Raises InputError as `read_usable_ranges` does."""
     with os_faults(path), open_text(path) as file:
         return Counter(name for chunk in _chunks(path, file) for end in ("a", "b") for name in chunk.columns[end])
 
 
 def unknown_columns(path: Path) -> list[str]:
-    """The named columns of a file that nobody reads. Raises InputError where it cannot be read or has no header."""
+    """Names of columns that are neither required nor optional. Raises InputError without a readable header."""
     with os_faults(path), open_text(path) as file:
         header, _ = _header(path, file)
     return [name for name in header if name and name not in REQUIRED + OPTIONAL]
 
 
 def write_ranges_csv(path: Path, ranges: Ranges, users: Sequence[User]) -> None:
-    """Write ranges so that they read back the same; optional columns only where anything in them is known.
+    """Write ranges so that they read back the same; an optional column only where some value in it is known.
 
-    Raises InputError where the file cannot be written, ValueError for a range that leaves open which of several
-    antennas it is of.
+    Raises InputError where the file cannot be written, ValueError for a range of a user with antennas that names none.
     """
     columns = {
         "t": ranges.t,
@@ -81,7 +81,7 @@ def write_ranges_csv(path: Path, ranges: Ranges, users: Sequence[User]) -> None:
         "rx_power": _blank_where_unknown(ranges.rx_power),
         "fp_power": _blank_where_unknown(ranges.fp_power),
         "nlos": np.select([ranges.nlos == 0.0, ranges.nlos == 1.0], ["0", "1"], default=""),
-        "source": np.array([*SOURCES, ""], dtype=object)[ranges.source],  # -1 reads the blank
+        "source": np.array([*SOURCES, ""], dtype=object)[ranges.source],  # -1 is the last, the blank
     }
     known = {name: column for name, column in columns.items() if name in REQUIRED or (column != "").any()}
     with os_faults(path), path.open("w", encoding="utf-8", newline="") as file:
@@ -92,24 +92,26 @@ def write_ranges_csv(path: Path, ranges: Ranges, users: Sequence[User]) -> None:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Some successive ranges as text."""
+    """Consecutive ranges as text."""
 
     path: Path
     lines: NDArray[np.intp]
-    """(n,) the line of each, counted from 1."""
+    """(n,) line of each range in the file, counted from 1."""
     columns: Mapping[str, list[str]]
-    """n values of each required and each optional column, stripped; blank where the file does not have them."""
+    """n stripped values of each required and each optional column; blank where the file lacks the column."""
 
     def fault(self, column: str, row: int, expected: str) -> InputError:
+        """The error for one value, with its line and what was expected."""
         value = quoted(self.columns[column][row])
         return InputError(self.path, f"{column} is {value}: {expected}", int(self.lines[row]))
 
     def refuse(self, column: str, bad: Mask, expected: str) -> None:
+        """Raise the error for the first bad value (n,), if there is any."""
         if bad.any():
             raise self.fault(column, int(bad.argmax()), expected)
 
     def numbers(self, column: str, blank: str = "") -> Array:
-        """(n,) numbers, any; a blank is read as `blank`."""
+        """(n,) numbers, nan and inf included; a blank is read as `blank`."""
         texts = [text or blank for text in self.columns[column]]
         try:
             if is_plain("".join(texts)):
@@ -124,12 +126,12 @@ class _Chunk:
         return _Chunk(self.path, self.lines[which], {name: values[which] for name, values in self.columns.items()})
 
     def known(self, column: str) -> Mask:
-        """(n,) whether there is anything."""
+        """(n,) whether the value is not blank."""
         return np.fromiter(map(bool, self.columns[column]), dtype=bool, count=len(self.lines))
 
 
 def _chunks(path: Path, file: TextIO) -> Iterator[_Chunk]:
-    """The file from its header on, one chunk at least."""
+    """The file from its header on, in one chunk or more."""
     header, line = _header(path, file)
     while True:
         texts = list(islice(file, CHUNK_LINES))
@@ -140,7 +142,7 @@ def _chunks(path: Path, file: TextIO) -> Iterator[_Chunk]:
 
 
 def _header(path: Path, file: TextIO) -> tuple[list[str], int]:
-    """The names of all columns, and the line they stand in."""
+    """Names of all columns, and the line that they stand in."""
     for number, line in enumerate(file, start=1):
         if not line.strip():
             continue
@@ -168,7 +170,7 @@ def _chunk(path: Path, header: list[str], texts: list[str], first_line: int) -> 
 
 
 def _split(path: Path, texts: list[str], first_line: int) -> list[list[str]]:
-    """The values of each line. A value in quotes ends in its line, so that a row and a line are the same."""
+    """Values of each line. A quoted value must end in its line, so that each line is a row."""
     try:
         rows = list(csv.reader(texts, strict=True))
     except csv.Error:
@@ -186,7 +188,7 @@ def _split_line(path: Path, text: str, line: int) -> list[str]:
 
 
 def _usable(chunk: _Chunk, users: Sequence[User]) -> Iterator[Ranges]:
-    """The ranges of a chunk without the rows that are refused, found by halving; in parts, one at least."""
+    """Ranges of a chunk without its refused rows, which are found by bisection, in one part or more."""
     try:
         yield _ranges(chunk, users, np.inf)
     except InputError:
@@ -231,14 +233,14 @@ def _ranges(chunk: _Chunk, users: Sequence[User], longest_stamp: float = MAX_STA
 
 
 def _sources(chunk: _Chunk) -> Indices:
-    """(n,) index in SOURCES, -1 for other words."""
+    """(n,) index in SOURCES; -1 for other words."""
     index_of = {word: i for i, word in enumerate(SOURCES)}
     found = map(index_of.get, map(str.lower, chunk.columns["source"]), repeat(-1))
     return np.fromiter(found, dtype=np.int32, count=len(chunk.lines))
 
 
 def _power(chunk: _Chunk, column: str) -> Array:
-    """(n,) dBm; NaN where it is blank or the radio had none to tell (-inf)."""
+    """(n,) dBm; NaN where it is blank or not finite (a radio without a power reports -inf)."""
     power = chunk.numbers(column, blank="nan")
     return np.where(np.isfinite(power), power, np.nan)
 
@@ -252,7 +254,7 @@ def _user_indices(chunk: _Chunk, column: str, users: Sequence[User]) -> Indices:
 
 
 def _antenna_indices(chunk: _Chunk, column: str, who: Indices, users: Sequence[User]) -> Indices:
-    """(n,) which antenna of each user `who`: the one that is named, or the only one; -1 for users that declare none."""
+    """(n,) antenna of each user `who`: the one named, else the user's only one; -1 for users that declare none."""
     index_of = {(u, name): i for u, user in enumerate(users) for i, name in enumerate(user.antennas)}
     index_of |= {(u, ""): 0 for u, user in enumerate(users) if len(user.antennas) == 1}
     found = map(index_of.get, zip(who.tolist(), chunk.columns[column], strict=True), repeat(-1))
@@ -277,7 +279,7 @@ def _antenna_names(users: Sequence[User], who: Indices, antenna: Indices) -> NDA
     declared = np.array([bool(user.antennas) for user in users], dtype=bool)
     if (declared[who] & (antenna < 0)).any():
         raise ValueError("a range of a user with antennas must say which one it is of")
-    return names[who, antenna]  # -1 reads the last column, which is blank
+    return names[who, antenna]  # -1 is the last column, which is blank
 
 
 def _blank_where_unknown(column: Array) -> NDArray[np.object_]:

@@ -1,4 +1,4 @@
-"""A recording from arrays: the same checks as for files, told by the names of the arguments."""
+"""Builds a recording from arrays, checked as files are; errors name the argument at fault."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def recording_from_arrays(
     up: Up,
     users: Mapping[str, Mapping[str, Any]],
 ) -> Recording:
-    """`Recording.from_arrays`."""
+    """The recording of `Recording.from_arrays`. Raises InputError that names the argument at fault."""
     default_up = read_up("up", "it", up)
     by_name = {name: User(name, up=default_up) for name in tracks}
     for name, settings in users.items():
@@ -124,7 +124,7 @@ def _ranges(ranges: Iterable[Sequence[Any]] | Mapping[str, Sequence[Any]], users
 
 
 def _columns(ranges: Iterable[Sequence[Any]] | Mapping[str, Sequence[Any]]) -> dict[str, Sequence[Any]]:
-    """Each column by its name, whichever way ranges are given."""
+    """Columns by name, from ranges given as rows or as columns."""
     if isinstance(ranges, Mapping):
         if missing := [name for name in REQUIRED if name not in ranges]:
             raise InputError("ranges", f"lacks {', '.join(missing)}")
@@ -171,9 +171,9 @@ def _indices(values: list[int]) -> Indices:
 
 
 def _antennas(users: tuple[User, ...], who: Indices, named: list[str]) -> tuple[Indices, int | None]:
-    """(n,) index of each user's antenna, and the first range whose antenna is unknown.
+    """(n,) antenna of each user `who`, -1 for users that declare none; and the first range whose antenna is unknown.
 
-    The only antenna need not be named; -1 for users that declare none.
+    A user's only antenna need not be named.
     """
     index_of = {(u, name): k for u, user in enumerate(users) for k, name in enumerate(user.antennas)}
     index_of |= {(u, ""): 0 for u, user in enumerate(users) if len(user.antennas) == 1}

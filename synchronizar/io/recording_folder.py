@@ -1,4 +1,4 @@
-"""A recording as a folder: tracks/<user>.tum, ranges.csv and, where there is more to say, recording.toml."""
+"""Reads and writes a recording's folder: tracks/<user>.tum, ranges.csv and optionally recording.toml."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def save_recording(recording: Recording, folder: Path) -> None:
 
 
 def entries_of(folder: Path) -> list[Path]:
-    """What a folder holds, by name."""
+    """Entries of a folder, sorted by name."""
     with os_faults(folder):
         return sorted(folder.iterdir())
 
 
 def track_files(folder: Path) -> dict[str, Path]:
-    """The track of each user, by name; hidden files are not tracks."""
+    """Track file of each user; hidden files are not tracks."""
     files = {}
     for file in entries_of(folder):
         if file.suffix == ".tum" and not file.name.startswith("."):

@@ -1,4 +1,4 @@
-"""What a recording says of its users: `up`, `static`, `height_sigma` and `antennas` in recording.toml."""
+"""Reads and writes recording.toml: `up`, `static`, `height_sigma` and `antennas` of each user."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ SETTINGS = ("up", "static", "height_sigma", "antennas")
 
 @dataclass(frozen=True)
 class Settings:
-    """What is said of the users, and which axis of their tracks points up."""
+    """Settings of the users, and the vertical axis of their tracks."""
 
     users: Mapping[str, User] = field(default_factory=dict)
-    """Those that the file names."""
+    """The users that the file names."""
     up: Up = "z"
-    """Which axis points up in the tracks of all others."""
+    """Vertical axis of the tracks of all other users."""
 
 
 def read_recording_toml(path: Path, unknown: list[str] | None = None) -> Settings:
-    """Read the settings. Raises InputError where the file cannot be read or says what cannot be meant.
+    """The settings in a file. Raises InputError where it cannot be read, or a value is of the wrong kind or size.
 
-    A setting that nobody reads is refused; with a list `unknown`, its name is put there and the rest is read.
+    An unknown setting is refused; with a list `unknown` its name is appended there and the rest is read.
     """
     table = _parse(path)
     _note_unknown(path, "", table, ("up", "users"), unknown)
@@ -47,7 +47,7 @@ def read_recording_toml(path: Path, unknown: list[str] | None = None) -> Setting
 
 
 def write_recording_toml(path: Path, users: Collection[User]) -> None:
-    """Write what is known of the users besides their tracks."""
+    """Write the users' settings. Raises InputError where the file cannot be written."""
     ups = {user.up for user in users}
     up: Up = ups.pop() if len(ups) == 1 else "z"
     lines = [f'up = "{up}"']
@@ -81,17 +81,17 @@ def _parse(path: Path) -> dict[str, Any]:
         line = int(place[1]) if place and place[1] else last_line
         raise InputError(path, str(error)[: place.start() if place else None], line) from error
     except (ValueError, RecursionError) as error:
-        # A number of thousands of digits, tables nested a thousand deep.
+        # Numbers of thousands of digits, or tables nested a thousand deep.
         raise InputError(path, f"cannot be read: {error}") from error
 
 
 def read_user(
     path: str | Path, where: str, name: str, settings: object, up: Up, unknown: list[str] | None = None
 ) -> User:
-    """A user by its settings as recording.toml has them; `up` where they do not say.
+    """The user with these settings of recording.toml; `up` is the default vertical axis.
 
-    Raises InputError that names `path` and the setting, which stands at `where`; not for settings that nobody reads
-    where there is a list `unknown` to put their names in.
+    Raises InputError that names `path` and the setting, at `where`. An unknown setting is refused; with a list
+    `unknown` its name is appended there instead.
     """
     settings = _table(path, where, settings)
     _note_unknown(path, where, settings, SETTINGS, unknown)
@@ -119,7 +119,7 @@ def _lever(path: str | Path, where: str, antenna: str, lever: object) -> tuple[f
 
 
 def read_up(path: str | Path, where: str, value: object) -> Up:
-    """Which axis points up. Raises InputError for anything but z and y."""
+    """The vertical axis in a setting. Raises InputError for anything but z and y."""
     if value == "z":
         return "z"
     if value == "y":
@@ -151,5 +151,5 @@ def _note_unknown(
 
 
 def _key(name: str) -> str:
-    """A quoted key: of printable text, JSON and TOML make the same."""
+    """The name as a quoted key; JSON and TOML quote printable text alike."""
     return json.dumps(name, ensure_ascii=False)

@@ -13,12 +13,13 @@ import numpy as np
 from synchronizar.data.findings import finding_json
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State, UserRegistration
-from synchronizar.data.updates import Replay, Update, UserUpdate
+from synchronizar.data.updates import Replay
 from synchronizar.errors import os_faults
 from synchronizar.geometry import YawFrame
+from synchronizar.io.json_values import PLACE, covariance_json, frame_json, number_json
 from synchronizar.io.tum import write_tum
+from synchronizar.io.updates_jsonl import UPDATES_FILE, write_updates
 
-PLACE = ("x", "y", "z", "yaw")
 RANGE_COLUMNS = ("t", "a", "b", "range", "residual", "weight", "verdict")
 
 
@@ -32,8 +33,8 @@ def registration_json(registration: Registration) -> dict[str, Any]:
         "users": {name: _user_json(user) for name, user in registration.users.items()},
         "alternatives": [
             {
-                "cost": _number(alternative.cost),
-                "users": {name: _place(f, name in static) for name, f in alternative.common_from_user.items()},
+                "cost": number_json(alternative.cost),
+                "users": {name: frame_json(f, name in static) for name, f in alternative.common_from_user.items()},
             }
             for alternative in registration.alternatives
         ],
@@ -60,8 +61,8 @@ def write_registration(registration: Registration, recording: Recording, out_dir
             (folder / f"{name}.tum").unlink(missing_ok=True)
     for name, track in tracks.items():
         write_tum(folder / f"{name}.tum", track)
-    with os_faults(folder / "updates.jsonl"):
-        (folder / "updates.jsonl").unlink(missing_ok=True)
+    with os_faults(folder / UPDATES_FILE):
+        (folder / UPDATES_FILE).unlink(missing_ok=True)
     _write_ranges(folder / "ranges.csv", registration.ranges, recording)
     file = folder / "registration.json"
     with os_faults(file):
@@ -83,30 +84,7 @@ def write_replay(replayed: Replay, recording: Recording, out_dir: str | Path) ->
         if name not in replayed.tracks and not (last[name].static and name in ever):
             with os_faults(folder / f"{name}.tum"):
                 (folder / f"{name}.tum").unlink(missing_ok=True)
-    file, reference = folder / "updates.jsonl", replayed.registration.reference
-    with os_faults(file), file.open("w", encoding="utf-8", newline="") as out:
-        for update in replayed.updates:
-            out.write(json.dumps(update_json(update, reference), allow_nan=False) + "\n")
-
-
-def update_json(update: Update, reference: str | None) -> dict[str, Any]:
-    """One line of updates.jsonl: s, m, rad; None for every number that there is not."""
-    return {
-        "t": update.t,
-        "update_ms": 1e3 * update.seconds,
-        "reference": reference,
-        "users": {name: _user_update_json(user) for name, user in update.users.items()},
-        "events": update.events,
-    }
-
-
-def _user_update_json(user: UserUpdate) -> dict[str, Any]:
-    frame = user.common_from_user
-    out: dict[str, Any] = {"state": str(user.state)}
-    out |= dict.fromkeys(PLACE) if frame is None else _place(frame, user.static)
-    covariance = user.covariance
-    out["covariance"] = None if covariance is None else [[_number(x) for x in row] for row in covariance]
-    return out | {"scale": 1.0 if frame is None else frame.scale, "progress": user.progress, "cue": user.cue}
+    write_updates(folder / UPDATES_FILE, replayed.updates, replayed.registration.reference)
 
 
 def range_counts(verdicts: RangeVerdicts) -> dict[str, int]:
@@ -139,16 +117,16 @@ def _write_ranges(file: Path, verdicts: RangeVerdicts, recording: Recording) -> 
 def _user_json(user: UserRegistration) -> dict[str, Any]:
     frame = user.common_from_user
     out: dict[str, Any] = {"state": str(user.state), "reason": user.reason}
-    out |= dict.fromkeys(PLACE) if frame is None else _place(frame, user.static)
+    out |= frame_json(frame, user.static)
     out |= {
-        "covariance": None if user.covariance is None else [[_number(x) for x in row] for row in user.covariance],
+        "covariance": covariance_json(user.covariance),
         "scale": 1.0 if frame is None else frame.scale,
         "matrix": None if frame is None else _matrix(frame, user.static),
         "range_bias": user.range_bias,
         "clock_offset": user.clock_offset,
         "sigma": None
         if user.calibration_sigma is None
-        else {k: _number(v) for k, v in user.calibration_sigma._asdict().items()},
+        else {k: number_json(v) for k, v in user.calibration_sigma._asdict().items()},
         "slam_noise": None
         if user.slam_noise is None
         else dict(zip(("place", "heading"), user.slam_noise, strict=True)),
@@ -156,21 +134,11 @@ def _user_json(user: UserRegistration) -> dict[str, Any]:
         "jumps": [{"t": j.t, "distance": j.distance, "turn": j.turn, "tilt": j.tilt} for j in user.jumps],
     }
     if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
-        out["unseen_direction"] = dict(zip(PLACE, map(_number, user.unseen_direction), strict=True))
+        out["unseen_direction"] = dict(zip(PLACE, map(number_json, user.unseen_direction), strict=True))
     return out
-
-
-def _place(frame: YawFrame, static: bool) -> dict[str, float | None]:
-    """A static radio has no heading."""
-    return dict(zip(PLACE, (frame.x, frame.y, frame.z, None if static else frame.yaw), strict=True))
 
 
 def _matrix(frame: YawFrame, static: bool) -> list[list[float]]:
     """4x4, row by row; a static radio is not turned."""
     rows: list[list[float]] = (replace(frame, yaw=0.0) if static else frame).matrix.tolist()
     return rows
-
-
-def _number(x: float) -> float | None:
-    """None where there is no such number; JSON has no NaN."""
-    return float(x) if np.isfinite(x) else None

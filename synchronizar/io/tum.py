@@ -1,4 +1,4 @@
-"""Tracks in the TUM format: a pose a line, `t x y z qx qy qz qw`; s, m, the attitude turns body axes into the frame."""
+"""Reads and writes tracks in TUM format: a pose a line, `t x y z qx qy qz qw`, in s and m, body axes into the frame."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, is_number, open_text, qu
 
 COLUMNS = 8
 LARGEST_UNIT = 1e3
-"""In a metre: positions may be in millimetres by mistake."""
+"""Units in a metre at most: positions may be in millimetres by mistake."""
 
 
 def read_tum(path: Path, up: Up = "z") -> Track:
-    """The track in a file whose frame has `up` as its vertical axis; z up when it comes out.
+    """The track in a file, in a frame with z up; `up` is the vertical axis of the file's own frame.
 
-    Blank lines and `#` comments are skipped, stamps sorted; of several poses with one stamp the last one given counts.
-    Quaternions are normalised. Raises InputError where the file cannot be read or a line is not a pose.
+    Blank lines and `#` comments are skipped, poses sorted by stamp; of several poses with one stamp the last in the
+    file is taken. Quaternions are normalised. Raises InputError where the file cannot be read or a line is not a pose.
     """
     rows = _read_rows(path)
     for bad, fault in _faults(rows):
@@ -34,7 +34,7 @@ def read_tum(path: Path, up: Up = "z") -> Track:
 
 
 def read_usable_poses(path: Path, up: Up = "z") -> Track:
-    """The same without the poses that `read_tum` refuses; stamps of any size are taken.
+    """The track in a file without the poses that `read_tum` refuses, z up; stamps may have any size.
 
     Raises InputError where the file cannot be read, a line is not a pose, or no pose can be used.
     """
@@ -47,9 +47,9 @@ def read_usable_poses(path: Path, up: Up = "z") -> Track:
 
 
 def track_of_rows(rows: Array, up: Up) -> Track:
-    """A z-up track from poses (n, 8) t x y z qx qy qz qw in any order, of a frame with `up` as its vertical axis.
+    """The z-up track of poses (n, 8) t x y z qx qy qz qw in any order, in a frame with `up` as its vertical axis.
 
-    Of several poses with one stamp the last one given counts. Quaternions, none of them zero, need no unit length.
+    Of several poses with one stamp the last is taken. Quaternions may have any length but zero.
     """
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     rows = rows[np.append(rows[1:, 0] != rows[:-1, 0], True)]
@@ -61,7 +61,7 @@ def track_of_rows(rows: Array, up: Up) -> Track:
 
 
 def write_tum(path: Path, track: Track, up: Up = "z") -> None:
-    """Write a z-up track into a file whose frame has `up` as its vertical axis, to a nanosecond and a nanometre.
+    """Write a z-up track, to 1 ns and 1 nm, into a file whose frame has `up` as its vertical axis.
 
     Raises InputError where the file cannot be written.
     """
@@ -74,7 +74,7 @@ def write_tum(path: Path, track: Track, up: Up = "z") -> None:
 
 
 def _read_rows(path: Path) -> Array:
-    """(n, 8) numbers in the order of the file; n > 0."""
+    """(n, 8) numbers of n > 0 poses, in the order of the file."""
     if next(_data_lines(path), None) is None:
         raise InputError(path, "has no pose")
     with os_faults(path), open_text(path) as file:
@@ -88,7 +88,7 @@ def _read_rows(path: Path) -> Array:
 
 
 def _faults(rows: Array) -> list[tuple[Mask, str]]:
-    """Which poses (n,) cannot be used, and why."""
+    """Each possible fault of a pose: which of the n poses have it (n,), and its text."""
     return [
         (~np.asarray(np.isfinite(rows).all(axis=1)), "a number is not finite"),
         (np.abs(rows[:, 0]) > MAX_STAMP, f"the stamp is beyond {MAX_STAMP:g}; stamps are in seconds"),
@@ -101,7 +101,7 @@ def _faults(rows: Array) -> list[tuple[Mask, str]]:
 
 
 def _data_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Number, from 1, and values of each line that has any."""
+    """Number (from 1) and values of each line that has any."""
     with os_faults(path), open_text(path) as file:
         for number, line in enumerate(file, start=1):
             if values := line.partition("#")[0].split():
@@ -109,7 +109,7 @@ def _data_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _first_malformed(path: Path) -> InputError:
-    """The first line that is not eight numbers, looked for one by one once reading has failed."""
+    """The error for the first line that is not eight numbers."""
     for number, values in _data_lines(path):
         if len(values) != COLUMNS:
             return InputError(
@@ -122,7 +122,7 @@ def _first_malformed(path: Path) -> InputError:
 
 
 def unit_quaternions(quat_xyzw: Array) -> Array:
-    """The same quaternions (n, 4), none of them zero, of unit length; huge and tiny ones do not overflow."""
+    """(n, 4) the quaternions, none of them zero, at unit length; huge and tiny ones neither overflow nor vanish."""
     scaled: Array = quat_xyzw / np.abs(quat_xyzw).max(axis=1, keepdims=True)
     unit: Array = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
     return unit

@@ -10,10 +10,10 @@ from synchronizar.arrays import Array, Indices, Mask, freeze_arrays
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
-from synchronizar.geometry import rotate_by_quaternions
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack
+from synchronizar.quaternions import rotate_by_quaternions
 
 _REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
 _LEAST_SIGMA = 1e-4  # m and rad: smaller step sigmas make the linear system numerically singular

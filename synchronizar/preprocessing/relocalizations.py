@@ -8,7 +8,6 @@ a jump is transformed rigidly to continue the one before.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +15,24 @@ import numpy as np
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.jump import Jump
 from synchronizar.data.track import Track
-from synchronizar.geometry import multiply_quaternions, rotate_by_quaternions, yaw_of_quaternions, yaw_quaternion
 from synchronizar.parameters import Parameters
+from synchronizar.quaternions import (
+    IDENTITY,
+    angles_between,
+    cumulative_products,
+    inverse_quaternions,
+    multiply_quaternions,
+    normalized_quaternions,
+    quaternions_of_rotation_vectors,
+    rotate_by_quaternions,
+    rotation_angles,
+    rotation_vectors,
+    tilt_of_quaternions,
+    yaw_of_quaternions,
+    yaw_quaternion,
+    yaw_quaternions,
+)
 
-_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _UP = np.array([0.0, 0.0, 1.0])
 _PASSES = 4  # of the search: each excludes the jumps found so far from the neighbours
 _FEWEST_NEIGHBOURS = 3
@@ -49,7 +62,7 @@ def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrac
         jumped |= _jumped_by_attitude(track, steps, jumped, parameters)
     segment = np.concatenate([[0], np.cumsum(jumped)]).astype(np.int32)
     if not jumped.any():
-        return RepairedTrack(track, (), segment, _IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
+        return RepairedTrack(track, (), segment, IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
 
     at = _rows(jumped)
     noise = _noise_level(_predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).attitude_error)
@@ -63,13 +76,17 @@ def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrac
     position = track.position[0] + np.vstack([np.zeros(3), np.cumsum(repaired_displacement, axis=0)])
     first_level = int(np.argmax(level[segment]))
     position[:, 2] += track.position[first_level, 2] - position[first_level, 2]
-    change = multiply_quaternions(_inverse(continued[1:]), continued[:-1])
+    change = multiply_quaternions(inverse_quaternions(continued[1:]), continued[:-1])
     jump_lengths = np.linalg.norm(steps.displacement[at] - displacement[at], axis=1)
     jumps = tuple(
         Jump(float(track.t[k + 1]), int(k) + 1, float(distance), float(turn), float(tilt))
-        for k, distance, turn, tilt in zip(at, jump_lengths, yaw_of_quaternions(change), _tilt(change), strict=True)
+        for k, distance, turn, tilt in zip(
+            at, jump_lengths, yaw_of_quaternions(change), tilt_of_quaternions(change), strict=True
+        )
     )
-    return RepairedTrack(Track(track.t, position, _unit(attitude)), jumps, segment, repaired_from_slam, level)
+    return RepairedTrack(
+        Track(track.t, position, normalized_quaternions(attitude)), jumps, segment, repaired_from_slam, level
+    )
 
 
 class _Steps(NamedTuple):
@@ -104,9 +121,9 @@ class _Prediction(NamedTuple):
 def _steps(track: Track) -> _Steps:
     q = track.quat_xyzw
     dt, displacement = np.diff(track.t), np.diff(track.position, axis=0)
-    inverse = _inverse(q[:-1])
+    inverse = inverse_quaternions(q[:-1])
     body_displacement = rotate_by_quaternions(inverse, displacement)
-    turn = _rotation_vector(multiply_quaternions(inverse, q[1:]))
+    turn = rotation_vectors(multiply_quaternions(inverse, q[1:]))
     return _Steps(
         track.t[:-1], dt, displacement, np.column_stack([body_displacement, displacement, turn]) / dt[:, None]
     )
@@ -156,7 +173,7 @@ def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, parameters: P
         before, after = moment[0], moment[-1] + 1
         earlier = np.searchsorted(track.t, track.t[before] - parameters.slam.glitch_duration)
         later = np.searchsorted(track.t, track.t[after] + parameters.slam.glitch_duration, side="right")
-        angles = np.append(_angle_between(q[before], q[after:later]), _angle_between(q[after], q[earlier : before + 1]))
+        angles = np.append(angles_between(q[before], q[after:later]), angles_between(q[after], q[earlier : before + 1]))
         if angles.min() > 0.5 * error[moment].max():
             found[moment] = not _axes_stayed(steps, jumped, moment, parameters)
     return found
@@ -204,17 +221,21 @@ def _rebuild_jumps(
     at = _rows(jumped)
     moved = _predict(steps, ~jumped, 1, parameters).twist[at] * steps.dt[at, None]
     q, q_next = track.quat_xyzw[at], track.quat_xyzw[at + 1]
-    turns = multiply_quaternions(multiply_quaternions(q, _quaternion(moved[:, 6:])), _inverse(q_next))
+    turns = multiply_quaternions(
+        multiply_quaternions(q, quaternions_of_rotation_vectors(moved[:, 6:])), inverse_quaternions(q_next)
+    )
     rebuilt = rotate_by_quaternions(q, moved[:, :3])
-    axes = np.tile(_IDENTITY, (len(at) + 1, 1))
+    axes = np.tile(IDENTITY, (len(at) + 1, 1))
     for event in np.split(np.arange(len(at)), np.flatnonzero(np.diff(at) > 1) + 1):
-        turned = _products(turns[event])
-        if _angle(turned[-1]) > parameters.slam.jump_turn and _axes_stayed(steps, jumped, at[event], parameters):
-            turned = np.tile(_IDENTITY, (len(event), 1))
+        turned = cumulative_products(turns[event])
+        if rotation_angles(turned[-1]) > parameters.slam.jump_turn and _axes_stayed(
+            steps, jumped, at[event], parameters
+        ):
+            turned = np.tile(IDENTITY, (len(event), 1))
             rebuilt[event] = moved[event, 3:6]
-        elif _tilt(turned[-1]) <= least_tilt:
-            turned = _yaw_quaternions(yaw_of_quaternions(turned))
-        axes[event + 1] = _unit(multiply_quaternions(axes[event[0]], turned))
+        elif tilt_of_quaternions(turned[-1]) <= least_tilt:
+            turned = yaw_quaternions(yaw_of_quaternions(turned))
+        axes[event + 1] = normalized_quaternions(multiply_quaternions(axes[event[0]], turned))
     displacement = steps.displacement.copy()
     displacement[at] = rebuilt
     return axes, displacement
@@ -251,10 +272,12 @@ def _level_segments(track: Track, segment: Indices, axes: Array, least_tilt: flo
     duration = track.t[np.append(begin[1:], len(segment)) - 1] - track.t[begin]
     agree = up @ up.T >= np.cos(least_tilt)
     level = int(np.argmax(agree @ duration))
-    untilted = multiply_quaternions(yaw_quaternion(float(yaw_of_quaternions(axes[level]))), _inverse(axes[level]))
+    untilted = multiply_quaternions(
+        yaw_quaternion(float(yaw_of_quaternions(axes[level]))), inverse_quaternions(axes[level])
+    )
     levelled = multiply_quaternions(untilted, axes)
     kept = agree[level]
-    return np.where(kept[:, None], _yaw_quaternions(yaw_of_quaternions(levelled)), levelled), kept
+    return np.where(kept[:, None], yaw_quaternions(yaw_of_quaternions(levelled)), levelled), kept
 
 
 def _noise_level(errors: Array) -> float:
@@ -281,51 +304,3 @@ def _distance_to_segment(points: Array, a: Array, b: Array) -> Array:
 
 def _rows(which: Mask) -> Indices:
     return np.flatnonzero(which).astype(np.int32)
-
-
-def _inverse(q: Array) -> Array:
-    return np.asarray(q * np.array([-1.0, -1.0, -1.0, 1.0]))
-
-
-def _unit(q: Array) -> Array:
-    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
-
-
-def _products(q: Array) -> Array:
-    """(n, 4): q[0], q[0] q[1], q[0] q[1] q[2], ..."""
-    return np.array(list(accumulate(q, multiply_quaternions)))
-
-
-def _rotation_vector(q: Array) -> Array:
-    """The shorter rotation vectors (n, 3) rad of quaternions (n, 4)."""
-    q = np.where(q[:, 3:] < 0.0, -q, q)
-    half_sine = np.linalg.norm(q[:, :3], axis=1, keepdims=True)
-    angle = 2.0 * np.arctan2(half_sine, q[:, 3:])
-    factor = np.divide(angle, half_sine, out=np.full_like(angle, 2.0), where=half_sine > 0.0)
-    return np.asarray(factor * q[:, :3])
-
-
-def _quaternion(rotation_vector: Array) -> Array:
-    """Quaternions (n, 4) of rotation vectors (n, 3) rad."""
-    angle = np.linalg.norm(rotation_vector, axis=1, keepdims=True)
-    return np.concatenate([0.5 * np.sinc(0.5 * angle / np.pi) * rotation_vector, np.cos(0.5 * angle)], axis=1)
-
-
-def _angle(q: Array) -> Array:
-    """rad, 0 to pi: rotation angle of quaternions (..., 4)."""
-    return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., :3], axis=-1), np.abs(q[..., 3])))
-
-
-def _angle_between(q: Array, others: Array) -> Array:
-    """(n,) rad: angle from an attitude (4,) to others (n, 4)."""
-    return _angle(multiply_quaternions(_inverse(q), others))
-
-
-def _tilt(q: Array) -> Array:
-    """rad, 0 to pi: angle by which quaternions (..., 4) tilt the vertical."""
-    return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., :2], axis=-1), np.linalg.norm(q[..., 2:], axis=-1)))
-
-
-def _yaw_quaternions(yaw: Array) -> Array:
-    """Quaternions (n, 4) of yaws (n,) rad."""
-    return np.array([yaw_quaternion(each) for each in yaw.tolist()])

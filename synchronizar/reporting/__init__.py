@@ -1,1 +1,1 @@
-"""What people read: evaluations, tables, pictures."""
+"""Output for people: evaluation against a truth, tables, plots."""

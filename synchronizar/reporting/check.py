@@ -1,4 +1,4 @@
-"""What `check` says of a recording: as a table to read, and as JSON."""
+"""Output of `check`: summary and findings of a recording, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PAIR_HEAD = ("pair", "ranges", "usable", "Hz", "median (m)")
 
 
 def check_json(summary: Summary, findings: Sequence[Finding], refused: str | None) -> dict[str, Any]:
-    """One object: findings, users by name, ranges; s, m, Hz. `refused`: why `register` does not take it, or None."""
+    """The object that `check --json` prints; s, m, Hz. `refused`: why `register` refuses the recording, or None."""
     users = {}
     for device in summary.devices:
         users[device.name] = {key: value for key, value in asdict(device).items() if key != "name"}
@@ -51,12 +51,12 @@ def check_table(summary: Summary, findings: Sequence[Finding]) -> str:
 
 
 def findings_lines(findings: Sequence[Finding]) -> list[str]:
-    """A line for each finding; one that says so where there is none."""
+    """A line for each finding; one line where there is none."""
     return [str(finding) for finding in findings] or ["nothing looks wrong"]
 
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Names to the left, numbers to the right."""
+    """Lines of a table: names flush left, numbers flush right."""
     widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
     return [
         "  ".join(

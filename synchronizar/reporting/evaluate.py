@@ -1,13 +1,12 @@
-"""How far tracks in a common frame are from the truth.
+"""Errors of tracks in a common frame against the truth.
 
-The common frame's origin and heading are free, so estimates are laid onto the truth by one yaw and one translation:
+The common frame's origin and heading are free, so estimates are aligned to the truth by one yaw and one translation:
 the closed form of Umeyama (Least-squares estimation of transformation parameters between two point patterns, IEEE
-Trans. PAMI 13(4), 1991, eq. 40 to 42) in the plane, without scale, with weights. Heights differ by their mean alone.
+Trans. PAMI 13(4), 1991, eq. 40 to 42) in the plane, without scale, with weights. Heights are aligned by their mean.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,54 +18,55 @@ from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import YawFrame, rotation_2d, wrap_angle
 from synchronizar.io.recording_toml import Settings, read_recording_toml
+from synchronizar.io.registration_reader import read_reference
 from synchronizar.io.tum import read_tum
 
 MAX_GAP_S = 0.5
-"""The truth is not interpolated over longer gaps."""
+"""s: the truth is not interpolated over longer gaps."""
 MOVED_M = 0.5
-"""The heading of a device that moved less cannot be told from its positions."""
+"""m: the positions of a device that moved less do not determine its heading."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of all users: RMSE in m, in space and (`_xy`) in the plane; None where there is nothing to compare.
+    """Errors of all users: RMSE in m, in space and (`_xy`) in the plane; None where nothing can be compared.
 
-    The dictionaries have every user but the reference of which there is both an estimate and truth.
+    The dictionaries hold every user with both an estimate and truth, except the reference.
     """
 
     reference: str
     joint_ate: float | None
-    """After one alignment of all users together, every user weighing the same."""
+    """After one alignment of all users together; every user has the same weight."""
     joint_ate_xy: float | None
     reference_ate: float | None
-    """Of the reference, aligned alone."""
+    """Of the reference after its own alignment."""
     reference_ate_xy: float | None
     transfer: Mapping[str, float | None]
-    """Of each other user where the reference alone was aligned; None where that has no truth or did not move."""
+    """Of each other user after the reference's alignment; None where the reference has no truth or did not move."""
     transfer_xy: Mapping[str, float | None]
     yaw: Mapping[str, float | None]
-    """rad: by how much a user must still turn to lie on its truth; None also where the user's truth did not move."""
+    """rad: yaw from a user's track to its truth aligned by the reference; None also where the truth did not move."""
     missing: tuple[str, ...]
-    """Users with truth of whom there is no estimate at any time of it."""
+    """Users with truth that have no estimate at any time of it."""
 
 
 @dataclass(frozen=True)
 class Matched:
-    """Positions of one user at the same n times, in the common frame and in the truth's: (n, 3) m each."""
+    """Positions of one user at the same n times: (n, 3) m in the common frame, and (n, 3) m in the truth's."""
 
     estimated: Array
     true: Array
 
     @property
     def moved(self) -> bool:
-        """Whether the truth went far enough to have a heading."""
+        """Whether the truth moved far enough to determine a heading."""
         return float(np.linalg.norm(np.ptp(self.true, axis=0))) >= MOVED_M
 
 
 def evaluate(estimated: Mapping[str, Track], truth: Mapping[str, Track], reference: str) -> Evaluation:
-    """Compare tracks in one common frame with the truth, at the estimates' stamps wherever the truth covers them.
+    """Errors of tracks in one common frame, at the estimates' stamps that the truth covers.
 
-    A track of one pose stands still and holds at all times.
+    A track of one pose is a static device and holds at all times.
     """
     users = {}
     for name in sorted(truth):
@@ -96,9 +96,9 @@ def evaluate(estimated: Mapping[str, Track], truth: Mapping[str, Track], referen
 
 
 def evaluate_folder(recording: Path, out: Path) -> Evaluation:
-    """Compare the tracks in `out` with the truth of a recording's folder.
+    """Errors of the tracks in `out` against the truth in a recording's folder.
 
-    The reference is the one that out/registration.json names, else the first by name whose truth moves. Raises
+    The reference is the one in out/registration.json, else the first by name whose truth moves. Raises
     InputError where there is no truth, no folder `out`, or a file that cannot be used.
     """
     settings = recording / "recording.toml"
@@ -109,7 +109,7 @@ def evaluate_folder(recording: Path, out: Path) -> Evaluation:
 
 
 def evaluation_json(e: Evaluation) -> dict[str, object]:
-    """What `evaluate --json` prints."""
+    """The object that `evaluate --json` prints."""
     return {
         "joint_ate": e.joint_ate,
         "joint_ate_xy": e.joint_ate_xy,
@@ -123,9 +123,9 @@ def evaluation_json(e: Evaluation) -> dict[str, object]:
 
 
 def read_tracks(folder: Path, settings: Settings | None = None) -> dict[str, Track]:
-    """The tracks of a folder by the names of their files; hidden files are not tracks.
+    """Tracks of a folder by file name, z up; hidden files are not tracks.
 
-    z up when they come out; in the files as `settings` say, z up without.
+    `settings` give the vertical axis of the files' own frames; without them it is z.
     """
     settings = settings or Settings()
     up = {name: user.up for name, user in settings.users.items()}
@@ -135,17 +135,15 @@ def read_tracks(folder: Path, settings: Settings | None = None) -> dict[str, Tra
 
 
 def _reference(path: Path, truth: Mapping[str, Track]) -> str:
-    if not path.exists():
-        return next((name for name, track in truth.items() if track.extent() >= MOVED_M), next(iter(truth)))
-    try:
-        with os_faults(path):
-            return str(json.loads(path.read_bytes())["reference"])
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError, KeyError, TypeError) as e:
-        raise InputError(path, "is no registration that names its reference") from e
+    """The reference that a registration.json names; without one the first by name whose truth moves."""
+    named = read_reference(path) if path.exists() else None
+    if named is not None:
+        return named
+    return next((name for name, track in truth.items() if track.extent() >= MOVED_M), next(iter(truth)))
 
 
 def match(estimated: Track, truth: Track) -> Matched | None:
-    """Where the estimate and the truth are at the same times; None if there are none."""
+    """Positions of estimate and truth at the same times; None where no time is in both."""
     if len(truth) == 1:
         return Matched(estimated.position, np.broadcast_to(truth.position, estimated.position.shape))
     if len(estimated) == 1:
@@ -157,7 +155,7 @@ def match(estimated: Track, truth: Track) -> Matched | None:
 
 
 def align(users: list[Matched]) -> YawFrame:
-    """`world_from_common` with the least squares of what remains, every user weighing the same."""
+    """`world_from_common` by least squares over all positions, the scale fixed; every user has the same weight."""
     estimated = np.concatenate([m.estimated for m in users])
     true = np.concatenate([m.true for m in users])
     weight = np.concatenate([np.full(len(m.true), 1.0 / len(m.true)) for m in users]) / len(users)
@@ -172,6 +170,6 @@ def align(users: list[Matched]) -> YawFrame:
 
 
 def _rmse(world_from_common: YawFrame, matched: Matched) -> tuple[float, float]:
-    """Root mean square error (m) in space and in the plane."""
+    """RMSE (m) in space and in the plane."""
     squares = (world_from_common @ matched.estimated - matched.true) ** 2
     return float(np.sqrt(squares.sum(axis=1).mean())), float(np.sqrt(squares[:, :2].sum(axis=1).mean()))

@@ -1,4 +1,4 @@
-"""The answer as a table to read."""
+"""A registration as a table of text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _REFERENCE = "the reference: its own frame at its last pose, in that at its firs
 
 
 def registration_table(registration: Registration) -> str:
-    """A row for each user: where it is (m, degrees), how sure that is (1 sigma), and why its state is what it is."""
+    """A row for each user: frame (m, degrees), 1 sigma, state and reason; below them the counts of ranges."""
     head = ("user", "state", "x (m)", "y (m)", "z (m)", "yaw (°)", "± xy (m)", "± z (m)", "± yaw (°)", "")
     rows = [head, *(_table_row(registration, user) for user in registration.users.values())]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
@@ -24,15 +24,15 @@ def registration_table(registration: Registration) -> str:
 
 def _table_row(registration: Registration, user: UserRegistration) -> tuple[str, ...]:
     frame = user.common_from_user
-    place = (np.nan,) * 4
+    position_yaw = (np.nan,) * 4
     if frame is not None:
-        place = (frame.x, frame.y, frame.z, np.nan if user.static else np.degrees(frame.yaw))
+        position_yaw = (frame.x, frame.y, frame.z, np.nan if user.static else np.degrees(frame.yaw))
     sigma_xy, sigma_z, sigma_yaw = _sigmas(user.covariance)
     return (
         user.name,
         str(user.state),
-        *(_cell(x, "+.2f") for x in place[:3]),
-        _cell(place[3], "+.1f"),
+        *(_cell(x, "+.2f") for x in position_yaw[:3]),
+        _cell(position_yaw[3], "+.1f"),
         _cell(sigma_xy, ".2f"),
         _cell(sigma_z, ".2f"),
         _cell(np.degrees(sigma_yaw), ".1f"),
@@ -41,7 +41,7 @@ def _table_row(registration: Registration, user: UserRegistration) -> tuple[str,
 
 
 def _sigmas(covariance: Array | None) -> tuple[float, float, float]:
-    """1 sigma along the longest axis of the ellipse in x and y (m), in z (m) and in yaw (rad); NaN where unknown."""
+    """1 sigma along the longer axis of the ellipse in x and y (m), in z (m) and in yaw (rad); NaN where unknown."""
     if covariance is None:
         return np.nan, np.nan, np.nan
     xx, yy, xy = covariance[0, 0], covariance[1, 1], covariance[0, 1]
@@ -54,5 +54,5 @@ def _cell(x: float, form: str) -> str:
 
 
 def _aligned(cells: tuple[str, ...], widths: list[int]) -> list[str]:
-    """Names and states to the left, numbers to the right."""
+    """Cells padded to widths: names and states flush left, numbers flush right."""
     return [c.ljust(w) if k < 2 else c.rjust(w) for k, (c, w) in enumerate(zip(cells, widths, strict=False))]

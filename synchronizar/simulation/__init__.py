@@ -1,1 +1,1 @@
-"""Simulated walks, radios and the firmware's air, with their truth."""
+"""Simulation: scenes, walkers, SLAM, radios, and the air in which the modules' firmware runs; with the truth."""

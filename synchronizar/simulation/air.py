@@ -1,4 +1,4 @@
-"""The simulated air in which the modules' firmware runs: a program, and the datagrams that its modules send."""
+"""Runs the simulated air of the modules' firmware, a program, and receives the datagrams that its modules send."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from synchronizar.simulation.scenario import Scenario
 PROGRAM = "synchronizar-air"
 HOST = "127.0.0.1"
 WAIT_S = 5.0
-"""For a datagram that the program says it has sent: on the loopback it is there at once."""
+"""s: longest wait for a datagram that the program reports as sent; on the loopback it arrives at once."""
 MAX_DATAGRAM = 65535
 
 
 class Datagram(NamedTuple):
-    """What a collector receives."""
+    """A datagram as a collector receives it."""
 
     t: float
-    """s, simulated: when it came."""
+    """s, simulated: arrival."""
     payload: bytes
     measured: float
-    """s, simulated: when the newest range in it was measured; NaN where it has none, or where its module has left the
-    network of which they are."""
+    """s, simulated: measurement of its newest range; NaN where it has no range, or where its module has left the
+    network that they belong to."""
 
 
 class Frame(NamedTuple):
@@ -42,18 +42,18 @@ class Frame(NamedTuple):
     """s, simulated."""
     end: float
     sender: int
-    """Its address."""
+    """Address of the sender."""
     slot: int | None
-    """Of the round; None: it has none."""
+    """Slot of the round; None where it has none."""
     kind: str
     """`word`, `join`, or `other`."""
 
 
 def events(scenario: Scenario, frames: bool = False) -> Iterator[Datagram | Frame]:
-    """What happens in a scenario, in the order of time; datagrams come by UDP, frames are told if asked for.
+    """Datagrams of a scenario in the order of time, and with `frames` the frames on air.
 
-    The simulated air stands still while a datagram is being looked at. Raises InputError where the program is not
-    there, does not take the scenario, or fails.
+    Datagrams come by UDP; simulated time stops while the caller processes one. Raises InputError where the program is
+    missing, refuses the scenario, or fails.
     """
     command = [program(), *(["--frames"] if frames else [])]
     try:
@@ -63,8 +63,8 @@ def events(scenario: Scenario, frames: bool = False) -> Iterator[Datagram | Fram
 
 
 def _run(command: list[str], scenario: Scenario) -> Iterator[Datagram | Frame]:
-    """What the program says. Raises OSError or ValueError where something is wrong."""
-    # Neither file has a name: the scenario holds the session's key, and must not be left behind by whatever ends this.
+    """Run the program and yield its events. Raises OSError or ValueError where it fails."""
+    # Neither file has a name: the scenario holds the session's key, and no end of this process may leave it behind.
     with (
         tempfile.TemporaryFile() as text,
         tempfile.TemporaryFile() as faults,
@@ -87,14 +87,15 @@ def _run(command: list[str], scenario: Scenario) -> Iterator[Datagram | Frame]:
                 pass_fds=[text.fileno()],
             ) as process:
                 try:
-                    yield from _heard(process, collector, scenario.key)
+                    yield from _parsed(process, collector, scenario.key)
                 finally:
                     process.kill()
         except (OSError, ValueError) as fault:
-            raise ValueError(_told(faults).replace(file, "scenario") or str(fault)) from fault
+            raise ValueError(_last_fault(faults).replace(file, "scenario") or str(fault)) from fault
 
 
-def _heard(process: subprocess.Popen[str], collector: socket.socket, key: bytes) -> Iterator[Datagram | Frame]:
+def _parsed(process: subprocess.Popen[str], collector: socket.socket, key: bytes) -> Iterator[Datagram | Frame]:
+    """Events from the lines that the program prints. Raises ValueError where it ends early or with an error."""
     assert process.stdin is not None
     assert process.stdout is not None
     done = False
@@ -103,7 +104,7 @@ def _heard(process: subprocess.Popen[str], collector: socket.socket, key: bytes)
             case ["sent", t, module, size, measured]:
                 payload = _received(collector, int(module), int(size), key)
                 yield Datagram(float(t), payload, float("nan") if measured == "-" else float(measured))
-                # Past the pipe's buffer, in which an answer to a program that has ended would stay.
+                # Not through the pipe's buffer, which would keep a reply to a program that has ended.
                 os.write(process.stdin.fileno(), b"\n")
             case ["frame", begin, end, sender, slot, kind]:
                 yield Frame(float(begin), float(end), int(sender), None if slot == "-" else int(slot), kind)
@@ -118,7 +119,7 @@ def _heard(process: subprocess.Popen[str], collector: socket.socket, key: bytes)
 
 
 def _received(collector: socket.socket, module: int, size: int, key: bytes) -> bytes:
-    """The datagram that a module has sent; what strangers send to the port is passed over."""
+    """The datagram that a module has sent; datagrams of others to the port are skipped."""
     until = monotonic() + WAIT_S
     while (left := until - monotonic()) > 0.0:
         collector.settimeout(left)
@@ -138,15 +139,15 @@ def _is_from(module: int, payload: bytes, key: bytes) -> bool:
         return False
 
 
-def _told(faults: IO[bytes]) -> str:
-    """The last line of what the program said was wrong."""
+def _last_fault(faults: IO[bytes]) -> str:
+    """The last line that the program wrote to stderr."""
     faults.seek(0)
     lines = faults.read().decode("utf-8", "replace").splitlines()
     return lines[-1].removeprefix(f"{PROGRAM}: ") if lines else ""
 
 
 def program() -> str:
-    """The program: installed beside this Python, or else on the path. Raises InputError where it is in neither."""
+    """Path of the program: beside this Python, else on PATH. Raises InputError where it is in neither."""
     found = shutil.which(Path(sysconfig.get_path("scripts")) / PROGRAM) or shutil.which(PROGRAM)
     if found is None:
         raise InputError(PROGRAM, "is not there: it comes with the package where that is built with -DFIRMWARE=ON")

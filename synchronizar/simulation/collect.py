@@ -1,4 +1,4 @@
-"""Modules in the simulated air, and what a collector makes of their datagrams."""
+"""Runs modules in the simulated air and collects their datagrams as ranges."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from synchronizar.simulation.scenario import Scenario
 
 
 class Collected(NamedTuple):
-    """What came to the collector, and what it cannot know."""
+    """Ranges that the collector received, with what only the simulation knows."""
 
     ranges: Ranges
-    """By its own clock, which is the simulated time."""
+    """Ranges, stamped by the collector's clock, which is simulated time."""
     behind: float
-    """s, in truth: how much later than when they were measured ranges are stamped, the delay that all datagrams had."""
+    """s: true mean delay of the ranges' stamps after their measurement, the delay that all datagrams share."""
     datagrams: int
     dropped: int
-    """Ranges that modules gave up because they could not be sent in time."""
+    """Ranges that modules dropped because they could not send them in time."""
     frames: list[Frame]
-    """All that was on air, if asked for."""
+    """Frames on air, where asked for."""
 
 
 def collect(scenario: Scenario, users: Sequence[User], frames: bool = False) -> Collected:
-    """Run a scenario whose modules are the users', in their order. Raises InputError where that cannot be done."""
+    """Ranges from a scenario whose modules are those of `users`, in their order. Raises InputError as `events` does."""
     receiver = Receiver(scenario.session, scenario.key, {i: user.name for i, user in enumerate(users)})
     on_air: list[Frame] = []
     measured: list[float] = []
@@ -39,10 +39,10 @@ def collect(scenario: Scenario, users: Sequence[User], frames: bool = False) -> 
             on_air.append(event)
             continue
         count += 1
-        said = receiver.take(event.payload, event.t)
-        if said is not None and len(said.ranges):
+        taken = receiver.take(event.payload, event.t)
+        if taken is not None and len(taken.ranges):
             measured.append(event.measured)
-    late = receiver.newest() - np.array(measured)
-    late = late[np.isfinite(late)]
-    behind = float(late.mean()) if len(late) else 0.0
+    delay = receiver.newest() - np.array(measured)
+    delay = delay[np.isfinite(delay)]
+    behind = float(delay.mean()) if len(delay) else 0.0
     return Collected(receiver.ranges(users), behind, count, receiver.dropped, on_air)

@@ -1,7 +1,7 @@
-"""Walks whose ranges are measured by the modules' own firmware, running in a simulated air.
+"""Simulated walks with ranges measured by the modules' own firmware in the simulated air.
 
-People and their SLAM are those of `simulate`. Each device carries a module; the modules find one another, range by a
-scheme, and send what they measured by UDP to the same collector that hears real ones.
+Walkers and their SLAM are those of `simulate`. Each device carries a module; modules discover one another, range by a
+scheme, and send their ranges by UDP to the same receiver as real ones.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, people_of
 
 CRYSTAL_PPM = 20.0
-"""By how much crystals are off, at most: IEEE 802.15.4 allows a UWB radio no more."""
+"""Largest error of crystals: IEEE 802.15.4 allows a UWB radio no more."""
 SWITCHED_ON_S = 0.05
-"""Within which those who are there from the start switch on."""
+"""s: modules that are present from the start switch on within this."""
 BLOCKED_STEP_S = 0.02
-"""At its multiples bursts of late signals begin and end."""
+"""s: bursts of NLOS begin and end at its multiples."""
 RANGE_OF_STAMP = np.sqrt(6.0) / 4.0
-"""1 sigma of a range over that of a stamp, where both replies take equally long: double-sided ranging then errs by
-(n2 + 2 n4 + n6) / 4, with n2, n4 and n6 the noise of the stamps at which poll, answer and final come in. Where the
-first reply takes the share u of both it errs by ((1 - u) n2 + n4 + u n6) / 2, so that the ratio is 0.61 to 0.71."""
+"""1 sigma of a range over that of a stamp, for two replies of equal length: the error of double-sided ranging is then
+(n2 + 2 n4 + n6) / 4, with n2, n4 and n6 the noise of the receive stamps of poll, answer and final. Where the first
+reply takes the share u of both, it is ((1 - u) n2 + n4 + u n6) / 2, so that the ratio is 0.61 to 0.71."""
 MOST_M = {
     "sigma": 5.0,
     "late_mean": 100.0,
@@ -39,38 +39,39 @@ MOST_M = {
     "height_spread": 100.0,
     "height_bob": 1000.0,
 }
-"""m: so that neither noise nor chance leads beyond what the simulated air takes (firmware/targets/host/SCENARIO.md)."""
+"""m: largest settings; with them nothing exceeds the simulated air's limits (firmware/targets/host/SCENARIO.md)."""
 FRAMES_OF_A_RANGE = 3
 
 
 class Air(NamedTuple):
-    """Through what modules range, and how."""
+    """The channel and scheme by which modules range."""
 
     seconds: float
     scheme: str
-    """Who sends when: one of SCHEMES."""
+    """Which module sends when: one of SCHEMES."""
     sigma: float
-    """m, 1 sigma: noise of a range."""
+    """m: 1 sigma of a range's noise."""
     loss: float = 0.0
-    """0 to 1: share of ranges that fail."""
+    """Share of ranges that fail, 0 to 1."""
     blocked: Blocked | None = None
 
 
 class Heard(NamedTuple):
-    """A walk with modules, and how what they measured came through."""
+    """A simulated walk with modules, and statistics of their datagrams."""
 
     simulation: Simulation
     datagrams: int
     dropped: int
-    """Ranges that modules gave up because they could not be sent in time."""
+    """Ranges that modules dropped because they could not send them in time."""
     frames: list[Frame]
-    """All that was on air, if asked for."""
+    """Frames on air, where asked for."""
 
 
 def simulate_modules(scene: Scene, scheme: str, frames: bool = False) -> Heard:
-    """The walk that a scene describes, ranged by modules; the same for the same scene and scheme.
+    """The walk of a scene, ranged by modules; deterministic in scene and scheme.
 
-    Raises InputError for what modules cannot do, naming the option, and where the simulated air is not there or fails.
+    Raises InputError for a scene that modules cannot range, naming the option, and where the simulated air is missing
+    or fails.
     """
     _refuse(scene)
     people, random = people_of(scene)
@@ -85,6 +86,7 @@ def simulate_modules(scene: Scene, scheme: str, frames: bool = False) -> Heard:
 
 
 def _refuse(scene: Scene) -> None:
+    """Raise InputError, naming the option, for a scene that modules cannot range."""
     for name, most in MOST_M.items():
         if abs(value := getattr(scene, name)) > most:
             raise InputError(f"--{name.replace('_', '-')}", f"is at most {most:g} m with --modules, not {value:g}")
@@ -99,10 +101,10 @@ def _refuse(scene: Scene) -> None:
 
 
 def scenario_of(random: np.random.Generator, devices: Sequence[Device], air: Air) -> Scenario:
-    """Modules on devices, each with its first antenna; a device's own stamp less its clock offset is simulated time.
+    """A scenario with a module on each device, at its first antenna; simulated time is own stamp minus clock offset.
 
-    Tracks that begin before time 0 do so by one pose at most; a module is on while its device's track lasts. What the
-    air does not take is told when the scenario is run.
+    At most one pose of a track lies before time 0; a module is on while its device's track lasts. Values beyond the
+    air's limits are refused when the scenario runs.
     """
     return Scenario(
         seconds=air.seconds,
@@ -118,9 +120,9 @@ def scenario_of(random: np.random.Generator, devices: Sequence[Device], air: Air
 
 
 def _module(random: np.random.Generator, device: Device, seconds: float) -> Module:
-    """Of a device: crystals as they come, switched on some moment after the device appears; off as it goes."""
+    """The module of a device: random crystals, on shortly after the device appears, off when its track ends."""
     radio_ppm, board_ppm = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
-    # Tracks begin up to one pose before everything does.
+    # Tracks begin up to one pose before time 0.
     t = np.maximum(device.track.t - device.clock_offset, 0.0)
     first = np.zeros(len(t), dtype=np.int32)
     position, _ = antenna_positions([device], t, first, first)
@@ -130,29 +132,30 @@ def _module(random: np.random.Generator, device: Device, seconds: float) -> Modu
 
 
 class Blockage(NamedTuple):
-    """Which pairs have no line of sight when."""
+    """NLOS over time: which pairs have no line of sight when."""
 
     a: Indices
-    """(pairs,) one device of each pair that ranges."""
+    """(pairs,) first device of each pair that ranges."""
     b: Indices
+    """(pairs,) second device."""
     extra: Array
-    """(steps, pairs) m, each for BLOCKED_STEP_S: by how much signals come later, the same all through a burst; 0 where
-    there is a line of sight."""
+    """(steps, pairs) m: extra length of signals in each step of BLOCKED_STEP_S, constant in a burst; 0 in line of
+    sight."""
 
     def column(self, a: Indices, b: Indices) -> Indices:
-        """(n,) which pair devices a and b are; -1 where they are none."""
+        """(n,) index of the pair of devices a and b (n,); -1 where they do not range."""
         k = 1 + int(max(self.a.max(), self.b.max()))
         column = np.full((k, k), -1, dtype=np.int32)
         column[self.a, self.b] = column[self.b, self.a] = np.arange(len(self.a))
         return np.asarray(column[a, b])
 
     def at(self, t: Array, a: Indices, b: Indices) -> Array:
-        """(n,) m: by how much signals between devices a and b come later at t (n,) s."""
+        """(n,) m: extra length of signals between devices a and b (n,) at t (n,) s."""
         step = np.clip((t / BLOCKED_STEP_S).astype(np.intp), 0, len(self.extra) - 1)
         return np.asarray(self.extra[step, self.column(a, b)])
 
     def spans(self) -> Blocked:
-        """The same as the air is told."""
+        """The same as spans, for the scenario."""
         edges = BLOCKED_STEP_S * np.arange(len(self.extra) + 1, dtype=float)
         change = np.diff((self.extra > 0.0).astype(np.int8), axis=0, prepend=0, append=0).T
         pair, begin = np.nonzero(change > 0)
@@ -161,7 +164,7 @@ class Blockage(NamedTuple):
 
 
 def blockage_of(random: np.random.Generator, scene: Scene) -> Blockage:
-    """When signals between a scene's devices are late."""
+    """Random NLOS bursts between a scene's devices."""
     a, b = linked_pairs(scene)
     begin = BLOCKED_STEP_S * np.arange(np.ceil(scene.seconds / BLOCKED_STEP_S))
     _, extra = bursts(random, scene, np.broadcast_to(begin[:, None], (len(begin), len(a))))

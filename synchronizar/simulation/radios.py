@@ -1,4 +1,4 @@
-"""What the radios of known devices measure: who ranges when, and how wrong each range is."""
+"""Simulated radios: which pair ranges when, and the error of each range."""
 
 from __future__ import annotations
 
@@ -10,53 +10,53 @@ import numpy as np
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.track import Track
-from synchronizar.geometry import rotate_by_quaternions
+from synchronizar.quaternions import rotate_by_quaternions
 from synchronizar.simulation.scene import SHORTEST_DETOUR_M, Scene
 
 STAMP_JITTER = 0.1
-"""Of the time that a pair has in a round, to either side."""
+"""Largest jitter of a stamp, as a share of the time that a pair has in a round."""
 DETOUR_FLUCTUATION = 0.2
-"""1 sigma, relative: from one range to the next within a burst of late ones."""
+"""1 sigma, relative, of the extra length from one NLOS range to the next within a burst."""
 POWER_AT_1_M_DBM = -63.0
 SHADOWING_DB = 1.0
 FIRST_PATH_LOSS_DB = {False: (3.0, 1.5), True: (12.0, 3.0)}
-"""Received power in all minus that of the first path, mean and 1 sigma: in line of sight, and late."""
+"""Total received power minus that of the first path, mean and 1 sigma, by whether the range is NLOS."""
 
 
 @dataclass(frozen=True)
 class Device:
-    """What a radio is carried by, in truth."""
+    """The truth of a device that carries a radio."""
 
     track: Track
-    """True poses in the room, by the device's own clock; a static radio has one, which holds at all times."""
+    """True poses in the room's frame, by the device's own clock; a static radio's one pose holds at all times."""
     static: bool
     levers: Array
-    """(m, 3) m: its antennas in the body frame; m = 0: one antenna at the origin."""
+    """(m, 3) m: lever arms of its antennas in the body frame; m = 0: one antenna at the origin."""
     clock_offset: float
     """s: own stamp minus range stamp of the same event."""
     bias: float
-    """m: what its radio adds to each range."""
+    """m: range bias of its radio."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Ranges in the order of time, and what is wrong with each."""
+    """n ranges in the order of time, and which are NLOS."""
 
     ranges: Ranges
     late: Mask
-    """(n,) whether the signal came without line of sight."""
+    """(n,) whether the range is NLOS."""
     extra: Array
-    """(n,) m: by how much that made it longer; 0 where it did not."""
+    """(n,) m: its extra length; 0 in line of sight."""
 
 
 def measure(rng: np.random.Generator, scene: Scene, devices: Sequence[Device]) -> Measured:
     """All ranges of a scene; `devices` are its users, then its static radios.
 
-    Where one of the two has not appeared yet there is none.
+    A pair does not range while the track of either does not cover the time.
     """
     t, a, b = _schedule(rng, scene)
     late, detour = bursts(rng, scene, t)
-    # Log-normal with mean 1: late signals only ever come longer.
+    # Log-normal with mean 1, so that the extra length stays positive.
     flutter = np.exp(DETOUR_FLUCTUATION * rng.standard_normal(t.shape) - 0.5 * DETOUR_FLUCTUATION**2)
     extra = detour * flutter
     a, b = np.broadcast_to(a, t.shape).ravel(), np.broadcast_to(b, t.shape).ravel()
@@ -79,7 +79,7 @@ def measure(rng: np.random.Generator, scene: Scene, devices: Sequence[Device]) -
 
 
 def linked_pairs(scene: Scene) -> tuple[Indices, Indices]:
-    """Who ranges: both devices of each pair, (pairs,) each."""
+    """Pairs that range: the index of the first and of the second device, (pairs,) each."""
     a, b = np.triu_indices(scene.users + scene.static_radios, 1)
     linked = a < scene.users
     if scene.links == "star":
@@ -90,7 +90,7 @@ def linked_pairs(scene: Scene) -> tuple[Indices, Indices]:
 
 
 def _schedule(rng: np.random.Generator, scene: Scene) -> tuple[Array, Indices, Indices]:
-    """Stamps (rounds, pairs) s of rounds in which each pair has its turn, and the pairs' two devices (pairs,) each."""
+    """Stamps (rounds, pairs) s of rounds in which each pair ranges once, and the pairs' two devices (pairs,) each."""
     a, b = linked_pairs(scene)
     rounds, pairs = int(np.ceil(scene.seconds * scene.round_hz)), len(a)
     turn = np.arange(pairs) + 0.5 + STAMP_JITTER * rng.uniform(-1.0, 1.0, (rounds, pairs))
@@ -98,10 +98,10 @@ def _schedule(rng: np.random.Generator, scene: Scene) -> tuple[Array, Indices, I
 
 
 def bursts(rng: np.random.Generator, scene: Scene, t: Array) -> tuple[Mask, Array]:
-    """Which of the signals at t (rounds, pairs) are late, and by how many metres on average over their burst.
+    """Which signals at t (rounds, pairs) s are NLOS, and the mean extra length (rounds, pairs) m of their burst.
 
-    Each pair is a Markov process of two states. With the share q and bursts of B s on average it equals this: at random
-    moments, 1 / (B (1 - q)) of them a second, the state is drawn anew, late with probability q, whatever it was.
+    Each pair is a Markov process of two states. For the NLOS share q and bursts of B s on average: at the times of a
+    Poisson process with rate 1 / (B (1 - q)) the state is drawn again, NLOS with probability q, whatever it was.
     """
     q = scene.late_share
     row = np.arange(len(t))[:, None]
@@ -120,16 +120,16 @@ def bursts(rng: np.random.Generator, scene: Scene, t: Array) -> tuple[Mask, Arra
 
 
 def _pick_antenna(rng: np.random.Generator, count: Indices) -> Indices:
-    """One of each device's antennas at random; -1 where it has but its origin."""
+    """(n,) random antenna of each device with `count` (n,) antennas; -1, the origin, where it has none."""
     return np.where(count > 0, rng.integers(0, np.maximum(count, 1)), -1).astype(np.int32)
 
 
 def true_distances(
     devices: Sequence[Device], t: Array, end_a: tuple[Indices, Indices], end_b: tuple[Indices, Indices]
 ) -> tuple[Array, Mask]:
-    """True distances (n,) m at range stamps t (n,), and whether both devices were there yet (n,).
+    """True distances (n,) m at range stamps t (n,) s, and whether both devices' tracks cover them (n,).
 
-    An end is whose it is and which antenna, (n,) each.
+    An end is its device's index and its antenna's, (n,) each.
     """
     p_a, a_there = antenna_positions(devices, t, *end_a)
     p_b, b_there = antenna_positions(devices, t, *end_b)
@@ -137,7 +137,7 @@ def true_distances(
 
 
 def antenna_positions(devices: Sequence[Device], t: Array, who: Indices, antenna: Indices) -> tuple[Array, Mask]:
-    """True positions (n, 3) m of the antennas at range stamps t (n,), and whether the device was there yet (n,)."""
+    """True antenna positions (n, 3) m at range stamps t (n,) s, and whether the device's track covers them (n,)."""
     position, there = np.empty((len(t), 3)), np.ones(len(t), dtype=bool)
     for i, device in enumerate(devices):
         mine = np.flatnonzero(who == i)
@@ -152,7 +152,7 @@ def antenna_positions(devices: Sequence[Device], t: Array, who: Indices, antenna
 
 
 def _power(rng: np.random.Generator, distance: Array, late: Mask) -> tuple[Array, Array]:
-    """Received power in all and of the first path, (n,) dBm each."""
+    """Total received power and that of the first path, (n,) dBm each."""
     n = len(distance)
     total = POWER_AT_1_M_DBM - 20.0 * np.log10(np.maximum(distance, 0.1)) + SHADOWING_DB * rng.standard_normal(n)
     mean, sigma = (np.where(late, FIRST_PATH_LOSS_DB[True][i], FIRST_PATH_LOSS_DB[False][i]) for i in (0, 1))

@@ -1,4 +1,4 @@
-"""What the simulated air is told, as text: firmware/targets/host/SCENARIO.md."""
+"""Scenarios of the simulated air, written as text: firmware/targets/host/SCENARIO.md."""
 
 from __future__ import annotations
 
@@ -8,65 +8,67 @@ from dataclasses import dataclass
 from synchronizar.arrays import Array, Indices
 
 MOST_MODULES = 11
-"""In one network: FRAME_MEMBERS of firmware/core/frame.h."""
+"""Modules in one network: FRAME_MEMBERS of firmware/core/frame.h."""
 CHANNEL, PRF_MHZ = 5, 64
 ROOM_C = 23.0
 
 
 @dataclass(frozen=True)
 class Module:
-    """One module: its clocks, its power, its antenna."""
+    """One module: its crystals, when it is on, its positions and its antenna delay."""
 
     ppm: float
-    """By how much its radio's crystal is fast."""
+    """Relative rate error of its radio's crystal; positive is fast."""
     board_ppm: float
-    """By how much its board's is."""
+    """The same of its board's crystal."""
     on: float
-    """s: when power comes."""
+    """s: when it is switched on."""
     t: Array
-    """(n,) s, not below 0."""
+    """(n,) s, at least 0."""
     position: Array
-    """(n, 3) m: where its antenna is then."""
+    """(n, 3) m: positions of its antenna at these times."""
     off: float = float("inf")
-    """s: when power goes."""
+    """s: when it is switched off."""
     range_bias: float = 0.0
-    """m: by how much its antenna delay, which is off, makes its ranges too long."""
+    """m: bias of its ranges from a wrong antenna delay."""
 
 
 @dataclass(frozen=True)
 class Blocked:
-    """Spans in which there is no line of sight, (n,) each; those of the same two modules do not overlap."""
+    """n NLOS spans as columns (n,); those of the same two modules do not overlap."""
 
     a: Indices
-    """Address of the one module."""
+    """Address of one module."""
     b: Indices
+    """Address of the other."""
     begin: Array
     """s."""
     end: Array
+    """s."""
     extra: Array
-    """m: by how much signals come later."""
+    """m: extra length of the signals."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Modules in the simulated air, their addresses being their places in the list; they range all the time."""
+    """Modules in the simulated air, addressed by their index in `modules`; they range all the time."""
 
     seconds: float
     scheme: str
-    """Who sends when: `one-to-n`, `all-pairs` or `polling`."""
+    """Which module sends when: `one-to-n`, `all-pairs` or `polling`."""
     seed: int
-    """Of all that is random in the air."""
+    """Seed of all randomness in the air."""
     session: int
     key: bytes
     stamp_sigma: float
-    """m, 1 sigma: noise of each stamp."""
+    """m: 1 sigma of each stamp's noise."""
     frame_loss: float
-    """0 to 1: share of frames that a receiver misses."""
+    """Share of frames that a receiver misses, 0 to 1."""
     modules: Sequence[Module]
     blocked: Blocked | None = None
 
     def text(self) -> str:
-        """The file that synchronizar-air reads."""
+        """The text that synchronizar-air reads."""
         return "".join(f"{line}\n" for line in self._lines())
 
     def _lines(self) -> Iterator[str]:

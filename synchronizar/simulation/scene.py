@@ -1,4 +1,4 @@
-"""What a simulated walk is made of: the people, their SLAM, their radios."""
+"""Settings of a simulated walk: walkers, their SLAM, their radios."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ WALKS = ("free", "line", "still")
 LINKS = ("all", "star", "chain")
 UPS = ("z", "y")
 SCHEMES = ("one-to-n", "all-pairs", "polling")
-"""Who of the modules sends when: firmware/core/timetable.h."""
+"""Which module sends when: firmware/core/timetable.h."""
 
 SHORTEST_DETOUR_M = 0.3
-"""A late signal is at least this much longer than the direct way."""
+"""m: least extra length of an NLOS signal."""
 
 _AT_LEAST = {
     "users": 2,
@@ -42,7 +42,7 @@ _SHARES = ("late_share", "loss")
 
 @dataclass(frozen=True)
 class Scene:
-    """The settings of a simulated walk; the defaults are a clean one. Raises InputError naming the option at fault."""
+    """The settings of a simulated walk; the defaults are a clean one. Raises InputError that names the option."""
 
     users: int = 2
     """How many people walk with a device: phone0, phone1, ..."""
@@ -128,7 +128,7 @@ class Scene:
 
     @property
     def round_hz(self) -> float:
-        """Rounds of ranging a second."""
+        """Hz: rounds of ranging."""
         if self.rate_hz is not None:
             return self.rate_hz
         partners = self.users + self.static_radios - 1
@@ -136,5 +136,6 @@ class Scene:
 
 
 def _require(fine: bool, name: str, fault: str) -> None:
+    """Raise InputError with the fault of the option `name`, unless it is fine."""
     if not fine:
         raise InputError(f"--{name.replace('_', '-')}", fault)

@@ -1,4 +1,4 @@
-"""Seeded walks with their truth: people, their SLAM and their radios, put together into a recording."""
+"""Simulates a scene: a recording, seeded, with its truth."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
-from synchronizar.geometry import Up, YawFrame, multiply_quaternions, wrap_angle
+from synchronizar.geometry import Up, YawFrame, wrap_angle
 from synchronizar.io.tum import write_tum
+from synchronizar.quaternions import multiply_quaternions
 from synchronizar.simulation.radios import Device, Measured, measure, true_distances
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.walkers import walk
@@ -27,23 +28,23 @@ RADIO_HEIGHT_M = (2.0, 3.0)
 
 @dataclass(frozen=True)
 class Simulation:
-    """A recording, and everything about it that nobody could know."""
+    """A recording and its truth."""
 
     scene: Scene
     recording: Recording
     truth: Mapping[str, Track]
-    """Every device in the room's frame (z up), stamped like its own track; a static radio has one pose at t = 0."""
+    """True tracks in the room's frame (z up), at the stamps of the own tracks; a static radio: one pose, t = 0."""
     world_from_user: Mapping[str, YawFrame]
-    """Where each device's own frame lies in the room's at the user's last pose."""
+    """Each device's own frame in the room's, at its last pose."""
     clock_offset: Mapping[str, float]
-    """s: own stamp minus range stamp of the same event; 0 for a static radio, which has none."""
+    """s: own stamp minus range stamp of the same event; 0 for a static radio, which has no clock."""
     range_bias: Mapping[str, float]
-    """m: what each device's radio adds to its ranges."""
+    """m: range bias of each device's radio."""
     late: Mask
-    """(n,) whether each of the recording's ranges was measured without line of sight."""
+    """(n,) whether each of the recording's ranges is NLOS."""
     extra: Array
-    """(n,) m: by how much that made it too long. A module's range takes three frames and this is how late signals came
-    when it was measured: where a burst begins or ends amid the frames, the range has but a part of it."""
+    """(n,) m: extra length of the range. A module's range takes three frames; this is the extra length of signals at
+    its stamp, of which the range has only a part where a burst begins or ends between the frames."""
 
     def range_errors(self) -> Array:
         """(n,) m: measured minus true distance of each of the recording's ranges."""
@@ -64,7 +65,7 @@ class Simulation:
     def save(self, path: Path, force: bool = False) -> None:
         """Write the recording as a folder, with truth/<user>.tum and truth/ranges.csv.
 
-        Raises InputError where it cannot be written or holds a track or truth of somebody else; `force` removes these.
+        Raises InputError where it cannot be written, or holds tracks or truth of other users; `force` removes these.
         """
         truth = path / "truth"
         for file in [*(path / "tracks").glob("*.tum"), *truth.glob("*.tum")]:
@@ -92,29 +93,30 @@ class Simulation:
 
 
 def simulate(scene: Scene) -> Simulation:
-    """The walk that a scene describes, the same for the same scene."""
+    """The walk of a scene; deterministic in the scene."""
     people, radio = people_of(scene)
     return people.measured(scene, measure(radio, scene, people.devices))
 
 
 @dataclass(frozen=True)
 class People:
-    """Everybody in a scene, before anything is ranged; static radios are the last of them."""
+    """All users of a scene before ranging; static radios come last."""
 
     users: tuple[User, ...]
     devices: tuple[Device, ...]
-    """In truth, as many as users."""
+    """Their truth, in the order of `users`."""
     tracks: Mapping[str, Track]
-    """As SLAM has them."""
+    """SLAM's own tracks."""
     world_from_user: Mapping[str, YawFrame]
+    """Each own frame in the room's, at the last pose."""
 
     def behind(self, seconds: float) -> People:
-        """The same people, where the range clock is so much later than it was."""
+        """The same with a range clock that is later by `seconds`."""
         devices = (d if d.static else replace(d, clock_offset=d.clock_offset - seconds) for d in self.devices)
         return replace(self, devices=tuple(devices))
 
     def measured(self, scene: Scene, measured: Measured) -> Simulation:
-        """All of it, with the ranges that were measured."""
+        """The simulation with these ranges."""
         by_name = {user.name: device for user, device in zip(self.users, self.devices, strict=True)}
         return Simulation(
             scene=scene,
@@ -129,8 +131,8 @@ class People:
 
 
 def people_of(scene: Scene) -> tuple[People, np.random.Generator]:
-    """Everybody in a scene, and what is random in their radios from here on."""
-    # Separate streams, so that the same people walk the same ways when only their SLAM or radios change.
+    """All users of a scene, and the random generator for their radios."""
+    # Separate streams, so that walks stay the same when only SLAM or radios change.
     motion, slam, radio = np.random.default_rng(scene.seed).spawn(3)
     users, devices, tracks, world_from_user = [], [], {}, {}
     up: Up = "y" if scene.up == "y" else "z"
@@ -154,20 +156,20 @@ def people_of(scene: Scene) -> tuple[People, np.random.Generator]:
 
 
 def _names(kind: str, count: int) -> list[str]:
-    """Names that sort in the order of their numbers."""
+    """Names `kind0`, `kind1`, ..., padded so that they sort by number."""
     width = len(str(count - 1))
     return [f"{kind}{i:0{width}d}" for i in range(count)]
 
 
 def _pose_times(rng: np.random.Generator, scene: Scene, joins_late: bool) -> Array:
-    """Evenly spaced times (s, range clock) from just before a device appears until just after the end."""
+    """(n,) s, range clock: evenly spaced from just before a device appears to just after the end."""
     start = 0.5 * scene.seconds if joins_late else 0.0
     n = int(np.ceil((scene.seconds - start) * scene.track_rate_hz)) + 2
     return start + (np.arange(n, dtype=float) - rng.uniform()) / scene.track_rate_hz
 
 
 def _levers(rng: np.random.Generator, antennas: int) -> Array:
-    """Antennas (antennas, 3) m in the body frame, anywhere within reach of its origin."""
+    """(antennas, 3) m, body frame: lever arms, uniform in a ball of ANTENNA_REACH_M."""
     direction = rng.standard_normal((antennas, 3))
     reach = ANTENNA_REACH_M * np.cbrt(rng.uniform(size=(antennas, 1)))
     levers: Array = reach * direction / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -175,10 +177,10 @@ def _levers(rng: np.random.Generator, antennas: int) -> Array:
 
 
 def _slam(rng: np.random.Generator, scene: Scene, true: Track) -> tuple[Track, YawFrame]:
-    """What SLAM makes of true poses in the room: its own track, and `world_from_user` at the last pose.
+    """SLAM's own track of true poses in the room, and `world_from_user` at the last pose.
 
-    The own frame begins at the first pose with a heading at random. Each step is the true one seen from a heading that
-    may drift and jump, in lengths that may be wrong by one scale, plus drift and jumps of the position.
+    The own frame has its origin at the first pose and a random heading. Each step is the true one, rotated by a heading
+    that drifts and jumps, divided by one scale, plus drift and jumps of the position.
     """
     steps, step_s = len(true) - 1, 1.0 / scene.track_rate_hz
     scale = float(np.exp(scene.scale_sigma * rng.standard_normal()))

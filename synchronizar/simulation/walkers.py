@@ -1,4 +1,4 @@
-"""How people with a phone in their hand move through a room."""
+"""Simulated walkers: true tracks of hand-held devices in a room."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from synchronizar.data.track import Track
 from synchronizar.simulation.scene import Scene
 
 TURN_S = 1.0
-"""How long a walker takes to turn a corner."""
+"""s that a walker takes to turn a corner."""
 STEP_HZ = 1.8
 SPEED_VARIATION = 0.3
 SWAY_M = 0.015
-"""Nobody stands quite still: peak, about 1 cm on average."""
+"""m: peak sway of a standing person on each axis, about 1 cm on average."""
 TILT_RAD = 0.15
-"""1 sigma of how each holds the device."""
+"""rad: 1 sigma of a device's mean pitch and roll."""
 WOBBLE_RAD = 0.1
 LOOK_AROUND_RAD = 0.4
 
 
 def walk(rng: np.random.Generator, scene: Scene, kind: str, t: Array) -> Track:
-    """The true poses, in the room, of one device at evenly spaced times t (n,) s, for a walk of the given kind.
+    """True poses of one device in the room's frame at evenly spaced times t (n,) s, for a walk of the given kind.
 
-    The room's frame has its origin on the floor in the middle. Body axes: x where the walker faces, y left, z up.
+    The room's frame has its origin on the floor in the middle, z up. Body axes: x where the walker faces, y left, z up.
     """
     height = scene.height + scene.height_spread * rng.standard_normal()
     if kind == "still":
@@ -42,7 +42,7 @@ def walk(rng: np.random.Generator, scene: Scene, kind: str, t: Array) -> Track:
 
 
 def _stroll(rng: np.random.Generator, scene: Scene, kind: str, t: Array) -> tuple[Array, Array]:
-    """Positions (n, 2) m and headings (n,) rad of a walk from corner to corner, the turns smoothed by a moving mean."""
+    """Positions (n, 2) m and headings (n,) rad of a walk from corner to corner, smoothed by a moving mean."""
     margin = round(0.5 * TURN_S * scene.track_rate_hz)
     window = np.hanning(2 * margin + 3)[1:-1]
     window /= window.sum()
@@ -63,15 +63,15 @@ def _stroll(rng: np.random.Generator, scene: Scene, kind: str, t: Array) -> tupl
 
 
 def _waypoints(rng: np.random.Generator, area: float, way: float) -> Array:
-    """Random places (n, 2) in the room, enough for a way of that length.
+    """(n, 2) m: random corners in the room for a walk of length `way` (m).
 
-    Two random places of a square are 0.52 sides apart on average, so this is about twice what is needed and more.
+    Two random points of a square are 0.52 sides apart on average, so that these are more than twice as many as needed.
     """
     return area * rng.uniform(-0.5, 0.5, (8 + int(np.ceil(4.0 * way / area)), 2))
 
 
 def _line(rng: np.random.Generator, area: float, way: float) -> Array:
-    """Corners (n, 2) of a way to and fro along a random line of half a side's length, begun anywhere on it."""
+    """(n, 2) m: corners of a walk to and fro on a random line of half a side's length, from a random start on it."""
     angle = rng.uniform(-np.pi, np.pi)
     half = 0.25 * area * np.array([np.cos(angle), np.sin(angle)])
     middle = 0.25 * area * rng.uniform(-1.0, 1.0, 2)
@@ -81,7 +81,7 @@ def _line(rng: np.random.Generator, area: float, way: float) -> Array:
 
 
 def _wander(rng: np.random.Generator, t: Array) -> Array:
-    """(n,) a slow random course between -1 and 1: the mean of three sines with periods of 3 to 12 s."""
+    """(n,) a slow random signal within -1 and 1: the mean of three sines with periods of 3 to 12 s."""
     periods = rng.uniform(3.0, 12.0, 3)
     phases = rng.uniform(0.0, 2.0 * np.pi, 3)
     course: Array = np.sin(2.0 * np.pi * t[:, None] / periods + phases).mean(axis=1)
@@ -89,7 +89,7 @@ def _wander(rng: np.random.Generator, t: Array) -> Array:
 
 
 def _attitude(yaw: Array, pitch: Array, roll: Array) -> Array:
-    """(n, 4) x y z w of Rz(yaw) Ry(pitch) Rx(roll): body axes into the room's."""
+    """(n, 4) x y z w: attitudes Rz(yaw) Ry(pitch) Rx(roll), body axes into the room's axes."""
     sy, sp, sr = np.sin(0.5 * yaw), np.sin(0.5 * pitch), np.sin(0.5 * roll)
     cy, cp, cr = np.cos(0.5 * yaw), np.cos(0.5 * pitch), np.cos(0.5 * roll)
     return np.column_stack(

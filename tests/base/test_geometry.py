@@ -5,40 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from support.rotations import rotation_matrix, unit_quaternions
 
 from synchronizar.arrays import Array
-from synchronizar.geometry import (
-    QUATERNION_Z_UP_FROM_Y_UP,
-    Z_UP_FROM_Y_UP,
-    YawFrame,
-    multiply_quaternions,
-    rotate_by_quaternions,
-    rotation_2d,
-    wrap_angle,
-    yaw_quaternion,
-)
+from synchronizar.geometry import QUATERNION_Z_UP_FROM_Y_UP, Z_UP_FROM_Y_UP, YawFrame, rotation_2d, wrap_angle
+from synchronizar.quaternions import rotate_by_quaternions
 
 coordinates = st.floats(-100.0, 100.0)
 angles = st.floats(-10.0, 10.0)
 frames = st.builds(YawFrame, coordinates, coordinates, coordinates, angles, st.floats(0.5, 2.0))
 points = arrays(float, (3,), elements=coordinates)
-unit_quaternions = (
-    arrays(float, (4,), elements=st.floats(-1.0, 1.0))
-    .filter(lambda q: bool(np.linalg.norm(q) > 0.1))
-    .map(lambda q: q / np.linalg.norm(q))
-)
-
-
-def rotation_matrix(quat_xyzw: Array) -> Array:
-    """The textbook's matrix of a unit quaternion."""
-    x, y, z, w = quat_xyzw
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def test_a_quarter_turn_is_what_it_is_by_hand() -> None:
@@ -78,29 +54,11 @@ def test_an_attitude_in_another_frame_turns_vectors_as_the_frame_does(
     np.testing.assert_allclose(turned, expected, atol=1e-9)
 
 
-@given(unit_quaternions, unit_quaternions)
-def test_a_product_of_quaternions_is_that_of_their_matrices(left: Array, right: Array) -> None:
-    product = multiply_quaternions(left, right)
-    np.testing.assert_allclose(rotation_matrix(product), rotation_matrix(left) @ rotation_matrix(right), atol=1e-12)
-
-
-@given(unit_quaternions, points)
-def test_a_quaternion_turns_a_vector_as_its_matrix_does(quat_xyzw: Array, v: Array) -> None:
-    np.testing.assert_allclose(rotate_by_quaternions(quat_xyzw, v), rotation_matrix(quat_xyzw) @ v, atol=1e-9)
-
-
 @given(angles)
 def test_a_wrapped_angle_is_the_same_and_small(angle: float) -> None:
     wrapped = wrap_angle(angle)
     assert -np.pi <= wrapped < np.pi
     np.testing.assert_allclose(rotation_2d(wrapped), rotation_2d(angle), atol=1e-12)
-
-
-@given(angles)
-def test_a_yaw_quaternion_turns_about_the_vertical(yaw: float) -> None:
-    expected = np.eye(3)
-    expected[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    np.testing.assert_allclose(rotation_matrix(yaw_quaternion(yaw)), expected, atol=1e-12)
 
 
 def test_y_up_becomes_z_up_as_promised() -> None:

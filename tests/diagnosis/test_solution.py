@@ -16,8 +16,8 @@ from synchronizar.data.registration import State
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.clock_shift import clock_shift_findings
 from synchronizar.estimation.register import register
-from synchronizar.geometry import rotate_by_quaternions
 from synchronizar.io.registration_folder import registration_json
+from synchronizar.quaternions import rotate_by_quaternions
 from synchronizar.reporting.tables import registration_table
 from synchronizar.simulation.simulate import Scene, simulate
 

@@ -17,13 +17,14 @@ from synchronizar.estimation.initialisation import connected
 from synchronizar.estimation.register import register
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import relaid, slips
-from synchronizar.geometry import apply_frames, multiply_quaternions, rotation_2d
+from synchronizar.geometry import apply_frames, rotation_2d
 from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.states import States
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import keyframes_of
 from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.preprocessing.relocalizations import repair_relocalizations
+from synchronizar.quaternions import multiply_quaternions
 from synchronizar.reporting.evaluate import evaluate
 from synchronizar.simulation.simulate import Scene, simulate
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from synchronizar.arrays import Array
 from synchronizar.data.track import Track
-from synchronizar.geometry import YawFrame, rotate_by_quaternions, rotation_2d
+from synchronizar.geometry import YawFrame, rotation_2d
 from synchronizar.graph.states import (
     States,
     antennas,
@@ -20,6 +20,7 @@ from synchronizar.graph.states import (
 )
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, RangeEnds
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.quaternions import rotate_by_quaternions
 
 seeds = pytest.mark.parametrize("seed", range(5))
 

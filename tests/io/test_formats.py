@@ -9,11 +9,11 @@ from synchronizar.data.ranges import Ranges
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
-from synchronizar.geometry import rotate_by_quaternions
 from synchronizar.io import ranges_csv
 from synchronizar.io.ranges_csv import read_ranges_csv, write_ranges_csv
 from synchronizar.io.recording_toml import Settings, read_recording_toml, write_recording_toml
 from synchronizar.io.tum import read_tum, write_tum
+from synchronizar.quaternions import rotate_by_quaternions
 
 ALICE = User("alice", antennas={"left": (0.0, 0.1, 0.0), "right": (0.0, -0.1, 0.0)})
 BEACON = User("beacon", static=True)

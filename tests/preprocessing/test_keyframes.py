@@ -12,11 +12,12 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
-from synchronizar.geometry import rotation_2d, yaw_of_quaternions, yaw_quaternion
+from synchronizar.geometry import rotation_2d
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, RangeEnds, keyframes_of, range_ends
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack
+from synchronizar.quaternions import yaw_of_quaternions, yaw_quaternion
 from synchronizar.simulation.simulate import Scene, simulate
 
 MODEL = Parameters().changed(

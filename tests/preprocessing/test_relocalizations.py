@@ -10,10 +10,10 @@ from support.paths import SHARED
 
 from synchronizar.arrays import Array, Mask
 from synchronizar.data.track import Track
-from synchronizar.geometry import multiply_quaternions, rotate_by_quaternions, yaw_quaternion
 from synchronizar.io.tum import read_tum
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
+from synchronizar.quaternions import multiply_quaternions, rotate_by_quaternions, yaw_quaternion
 from synchronizar.simulation.simulate import Scene, simulate
 
 RECORDINGS = SHARED / "recordings"

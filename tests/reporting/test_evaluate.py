@@ -207,6 +207,8 @@ def test_a_folder_is_judged_by_the_reference_its_registration_names_else_by_the_
     written(tmp_path / "recording" / "truth", truth)
     out = written(tmp_path / "out", truth)
     assert evaluate_folder(tmp_path / "recording", out).reference == "bob"
+    (out / "registration.json").write_text('{"reference": null}')
+    assert evaluate_folder(tmp_path / "recording", out).reference == "bob"
     (out / "registration.json").write_text('{"reference": "carol"}')
     e = evaluate_folder(tmp_path / "recording", out)
     assert e.reference == "carol"

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import shutil
 import warnings
 from dataclasses import replace
@@ -22,7 +21,7 @@ from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State, UserRegistration
 from synchronizar.data.track import Track
-from synchronizar.data.updates import Replay
+from synchronizar.data.updates import Replay, Update, UserUpdate
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.incremental.replay import replay
@@ -31,9 +30,9 @@ from synchronizar.geometry import YawFrame
 from synchronizar.io.registration_folder import write_registration, write_replay
 from synchronizar.reporting.plots import draw_timeline, plot
 from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.plots.history import History, UserHistory, history_of
 from synchronizar.reporting.plots.style import short, styles
 from synchronizar.reporting.plots.timeline import BAR, MOST_EVENTS, MOST_USERS, STATE_COLOURS
-from synchronizar.reporting.plots.updates import History, UserHistory, read_history
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
@@ -66,27 +65,21 @@ def pair() -> Recording:
     return Recording((User("alice"), User("radio", static=True)), {"alice": alice}, ranges)
 
 
-def said(state: str = "registered", **of_user: Any) -> dict[str, Any]:
-    place = {"x": 0.0, "y": 0.0, "z": 0.0, "yaw": 0.0, "covariance": None}
-    return {"state": state, **place, "scale": 1.0, "progress": 1.0, "cue": None, **of_user}
+def known(**of_user: Any) -> UserUpdate:
+    """A user that is registered at the common frame's origin, and of whose sureness nothing is known."""
+    here: dict[str, Any] = {"common_from_user": YawFrame(), "covariance": None, "static": False, "cue": None}
+    return UserUpdate(**({"state": REGISTERED, "progress": 1.0} | here | of_user))
 
 
-def line(t: float, **of_alice: Any) -> dict[str, Any]:
-    users = {"alice": said(**of_alice), "radio": said(yaw=None)}
-    return {"t": t, "update_ms": 1.0, "reference": "alice", "users": users, "events": []}
+def update(t: float, alice: UserUpdate, radio: UserUpdate | None = None) -> Update:
+    return Update(t, 1e-3, {"alice": alice, "radio": radio or known(static=True)}, [])
 
 
-def written(folder: Path, *lines: dict[str, Any]) -> Path:
-    file = folder / "updates.jsonl"
-    file.write_text("".join(json.dumps(of) + "\n" for of in lines))
-    return file
+# What was known
 
 
-# What is read
-
-
-def test_what_a_replay_wrote_reads_back_the_same(simulation: Simulation, replayed: Replay, folder: Path) -> None:
-    history = read_history(folder / "updates.jsonl", simulation.recording)
+def test_a_history_has_what_was_known_at_each_update(simulation: Simulation, replayed: Replay) -> None:
+    history = history_of(replayed.updates, simulation.recording)
     began = simulation.recording.ranges.t.min()
     np.testing.assert_allclose(history.t, [update.t - began for update in replayed.updates])
     assert history.events == [(update.t - began, event) for update in replayed.updates for event in update.events]
@@ -114,76 +107,31 @@ def sigma_by_differences(frame: YawFrame, own: Array, covariance: Array) -> floa
     frame=st.builds(YawFrame, *[st.floats(-10.0, 10.0)] * 3, st.floats(-3.0, 3.0), st.floats(0.5, 2.0)),
     roots=st.lists(st.floats(-1.0, 1.0), min_size=16, max_size=16),
 )
-def test_a_place_is_as_sure_as_its_frame_says_it_is(
-    frame: YawFrame, roots: list[float], tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_a_place_is_as_sure_as_its_frame_says_it_is(frame: YawFrame, roots: list[float]) -> None:
     root = np.reshape(roots, (4, 4))
     covariance = root @ root.T + 1e-3 * np.eye(4)
-    place = {"x": frame.x, "y": frame.y, "z": frame.z, "yaw": frame.yaw, "scale": frame.scale}
-    told = {**place, "covariance": covariance.tolist()}
-    file = written(tmp_path_factory.mktemp("sure"), line(99.0, **told), line(105.0, **told), line(115.0, **told))
-    alice = read_history(file, pair()).users["alice"]
+    of_alice = known(common_from_user=frame, covariance=covariance)
+    alice = history_of([update(t, of_alice) for t in (99.0, 105.0, 115.0)], pair()).users["alice"]
     first, last = np.array([2.0, 0.0, 0.0]), np.array([2.0, 1.0, 0.0])
     expected = [sigma_by_differences(frame, own, covariance) for own in (first, first, last)]
     np.testing.assert_allclose(alice.sigma_xy, expected, rtol=1e-4)
     np.testing.assert_allclose(alice.sigma_yaw, np.sqrt(covariance[3, 3]))
 
 
-def test_a_static_radio_is_as_sure_as_its_place(tmp_path: Path) -> None:
-    covariance = [[4.0, 0.0, 0.0, None], [0.0, 9.0, 0.0, None], [0.0, 0.0, 1.0, None], [None] * 4]
-    one = line(102.0)
-    one["users"]["radio"]["covariance"] = covariance
-    radio = read_history(written(tmp_path, one), pair()).users["radio"]
+def test_a_static_radio_is_as_sure_as_its_place() -> None:
+    covariance = np.full((4, 4), np.nan)
+    covariance[:3, :3] = np.diag([4.0, 9.0, 1.0])
+    one = update(102.0, known(), known(static=True, covariance=covariance))
+    radio = history_of([one], pair()).users["radio"]
     np.testing.assert_allclose(radio.sigma_xy, [3.0])
     assert np.isnan(radio.sigma_yaw).all()
 
 
-def test_who_has_no_place_has_no_sureness(tmp_path: Path) -> None:
-    nowhere = line(102.0, state="disconnected", x=None, y=None, z=None, yaw=None, progress=0.0)
-    alice = read_history(written(tmp_path, nowhere), pair()).users["alice"]
+def test_who_has_no_place_has_no_sureness() -> None:
+    nowhere = known(state=DISCONNECTED, common_from_user=None, progress=0.0)
+    alice = history_of([update(102.0, nowhere)], pair()).users["alice"]
     assert alice.states == [DISCONNECTED]
     assert np.isnan([*alice.sigma_xy, *alice.sigma_yaw]).all()
-
-
-GOOD = line(102.0)
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        "",
-        "t: 3",
-        "[]",
-        "[" * 100_000,
-        "{}",
-        json.dumps(GOOD | {"t": None}),
-        json.dumps(GOOD | {"t": float("nan")}),
-        json.dumps(GOOD | {"t": 101.9}),
-        json.dumps(GOOD | {"events": None}),
-        json.dumps(GOOD | {"users": []}),
-        json.dumps(line(103.0, state="lost")),
-        json.dumps(line(103.0, progress=None)),
-        json.dumps(line(103.0, progress=1.5)),
-        json.dumps(line(103.0, progress=float("nan"))),
-        json.dumps(line(103.0, yaw="north")),
-        json.dumps(line(103.0, scale=float("inf"))),
-        json.dumps(line(103.0, covariance=[[1.0, 2.0]])),
-        json.dumps(line(103.0, covariance="small")),
-        json.dumps(line(103.0))[:-20],
-    ],
-)
-def test_a_broken_line_is_named(tmp_path: Path, broken: str) -> None:
-    file = tmp_path / "updates.jsonl"
-    file.write_text(f"{json.dumps(GOOD)}\n{broken}\n")
-    with pytest.raises(InputError, match=r"updates\.jsonl:2: is no update of a replay$"):
-        read_history(file, pair())
-
-
-def test_updates_about_other_users_are_told(simulation: Simulation, folder: Path) -> None:
-    with pytest.raises(InputError, match=r"updates\.jsonl:1: is about another recording: its users are not the same$"):
-        plot(pair(), folder, "walk")
-    with pytest.raises(InputError, match=r"no\.jsonl: No such file or directory$"):
-        read_history(folder / "no.jsonl", simulation.recording)
 
 
 # The files
@@ -240,7 +188,7 @@ def user_of(states: list[State], static: bool = False, **of_user: Any) -> UserHi
     return UserHistory(static, states, **(known | of_user))
 
 
-def history_of(*events: tuple[float, str], **users: UserHistory) -> History:
+def history_with(*events: tuple[float, str], **users: UserHistory) -> History:
     n = max((len(user.states) for user in users.values()), default=0)
     return History(np.arange(1.0, n + 1.0), list(events), users)
 
@@ -269,7 +217,7 @@ def texts(figure: Figure) -> set[str]:
 
 def test_a_state_holds_until_another_is_told() -> None:
     bob = user_of([DISCONNECTED, UNOBSERVABLE, UNOBSERVABLE, REGISTERED, UNOBSERVABLE])
-    ax = draw_timeline(history_of(alice=user_of([REGISTERED] * 5), bob=bob), "walk").axes[0]
+    ax = draw_timeline(history_with(alice=user_of([REGISTERED] * 5), bob=bob), "walk").axes[0]
     assert bars(ax) == [
         (0, 0.0, 5.0, STATE_COLOURS[REGISTERED]),
         (1, 0.0, 2.0, STATE_COLOURS[DISCONNECTED]),
@@ -282,7 +230,7 @@ def test_a_state_holds_until_another_is_told() -> None:
 
 
 def test_progress_climbs_from_the_lower_edge_of_a_bar_to_its_upper() -> None:
-    ax = draw_timeline(history_of(alice=user_of([UNOBSERVABLE] * 3)), "walk").axes[0]
+    ax = draw_timeline(history_with(alice=user_of([UNOBSERVABLE] * 3)), "walk").axes[0]
     low, high = ax.transData.transform([(0.0, BAR / 2.0), (0.0, -BAR / 2.0)])[:, 1]
     drawn = ax.transData.transform(np.asarray(ax.lines[0].get_xydata()))[:, 1]
     np.testing.assert_allclose(drawn, [low, (low + high) / 2.0, high])
@@ -291,7 +239,7 @@ def test_progress_climbs_from_the_lower_edge_of_a_bar_to_its_upper() -> None:
 
 def test_events_stand_on_the_bar_of_whom_they_are_about_and_new_cues_below() -> None:
     cues = [None, "walk 1 m back", "walk 1 m back", "walk 2 m to your left", None]
-    history = history_of(
+    history = history_with(
         (2.0, "bob: unobservable: stood still"),
         (3.0, "all: something else"),
         alice=user_of([REGISTERED] * 5),
@@ -306,7 +254,7 @@ def test_events_stand_on_the_bar_of_whom_they_are_about_and_new_cues_below() -> 
 def test_sureness_is_drawn_in_metres_and_degrees_and_thick_while_registered() -> None:
     sigma = np.array([np.nan, 4.0, 0.2])
     bob = user_of([DISCONNECTED, UNOBSERVABLE, REGISTERED], sigma_xy=sigma, sigma_yaw=np.radians(10.0 * sigma))
-    _, xy, yaw, _ = draw_timeline(history_of(bob=bob), "walk").axes
+    _, xy, yaw, _ = draw_timeline(history_with(bob=bob), "walk").axes
     for ax, expected in ((xy, sigma), (yaw, 10.0 * sigma)):
         thin, thick = sorted(ax.lines, key=lambda of: of.get_linewidth())
         np.testing.assert_allclose(np.asarray(thin.get_ydata(), dtype=float), expected)
@@ -327,7 +275,9 @@ def test_everybody_looks_as_on_the_other_pages() -> None:
         {},
     )
     elsewhere = styles(Answer(registration, {}, {}, pair().ranges))
-    ax = draw_timeline(history_of(**{n: user_of([REGISTERED] * 2, static) for n, static in users.items()}), "").axes[1]
+    ax = draw_timeline(history_with(**{n: user_of([REGISTERED] * 2, static) for n, static in users.items()}), "").axes[
+        1
+    ]
     drawn = [(of.get_color(), of.get_linestyle()) for of in ax.lines[::2]]
     assert drawn == [tuple(style) for style in elsewhere.values()]
 
@@ -335,8 +285,7 @@ def test_everybody_looks_as_on_the_other_pages() -> None:
 def test_without_any_range_the_page_says_so(tmp_path: Path) -> None:
     recording = pair()
     recording = replace(recording, ranges=recording.ranges.select(np.zeros(2, dtype=bool)))
-    history = read_history(written(tmp_path), recording)
-    figure = draw_timeline(history, "walk")
+    figure = draw_timeline(history_of([], recording), "walk")
     assert "No range came" in texts(figure)
     assert bars(figure.axes[0]) == []
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["alice", "radio"]
@@ -346,7 +295,7 @@ def test_without_any_range_the_page_says_so(tmp_path: Path) -> None:
 def test_of_very_many_users_and_events_the_first_are_shown() -> None:
     users = {f"bob{n:02}": user_of([REGISTERED] * 2) for n in range(MOST_USERS + 3)}
     events = [(1.0, f"bob{n:02}: registered: at last") for n in range(MOST_EVENTS + 5)]
-    figure = draw_timeline(history_of(*events, **users), "walk")
+    figure = draw_timeline(history_with(*events, **users), "walk")
     assert texts(figure) >= {"and 3 more", f"What was told: the first {MOST_EVENTS} of {MOST_EVENTS + 5} events"}
     assert len({row for row, *_ in bars(figure.axes[0])}) == MOST_USERS
     assert len(figure.axes[1].lines) == 2 * (MOST_USERS + 3)
@@ -360,6 +309,6 @@ def test_every_history_has_a_page(name: str, n: int, tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        figure = draw_timeline(history_of((1.0, f"{name}: {'much ' * 50}"), **{name: unknown}), name)
+        figure = draw_timeline(history_with((1.0, f"{name}: {'much ' * 50}"), **{name: unknown}), name)
         figure.savefig(tmp_path / "replay.png", dpi=30)
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == [short(name)]

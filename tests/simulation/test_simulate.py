@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from synchronizar.arrays import Array, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
-from synchronizar.geometry import Up, YawFrame, rotate_by_quaternions
+from synchronizar.geometry import Up, YawFrame
 from synchronizar.io.tum import read_tum
+from synchronizar.quaternions import rotate_by_quaternions
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
 PERFECT = Scene(users=4, seconds=6.0, sigma=0.0)

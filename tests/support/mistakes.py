@@ -10,7 +10,7 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
-from synchronizar.geometry import multiply_quaternions
+from synchronizar.quaternions import multiply_quaternions
 
 
 @dataclass(frozen=True)

@@ -31,20 +31,14 @@ from synchronizar.estimation.incremental.window import Window
 from synchronizar.estimation.incremental.window_state import Checkpoint, Memory, beginning, load, save
 from synchronizar.estimation.initialisation import connected
 from synchronizar.estimation.local_optima import LocalOptimum
-from synchronizar.geometry import (
-    YawFrame,
-    moved_frames,
-    multiply_quaternions,
-    rotation_2d,
-    wrap_angle,
-    yaw_of_quaternions,
-)
+from synchronizar.geometry import YawFrame, moved_frames, rotation_2d, wrap_angle
 from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.marginals import Errors, Marginals, errors_of, marginalized, marginals_of
 from synchronizar.graph.states import SCALE
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
+from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions
 
 _NO_MORE = object()
 _SAID = ("states", "known", "since", "steady", "registered")

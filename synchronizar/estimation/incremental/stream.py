@@ -12,7 +12,7 @@ from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
-from synchronizar.geometry import multiply_quaternions, rotate_by_quaternions
+from synchronizar.quaternions import multiply_quaternions, rotate_by_quaternions
 
 _LONG_AGO = -1e9  # s: a track of one pose there covers no range
 _NOWHERE = Track(np.array([_LONG_AGO]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))

@@ -1,7 +1,4 @@
-"""Pictures of what happened: who walked where, how sure that is, which ranges it rests on, what is wrong with whom.
-
-Of a replay: what was known when.
-"""
+"""Plots of a registration (map, residuals, each device's calibration and drift) and of a replay (timeline)."""
 
 from synchronizar.reporting.plots.devices import draw_devices
 from synchronizar.reporting.plots.files import plot

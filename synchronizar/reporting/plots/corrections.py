@@ -1,4 +1,4 @@
-"""How far SLAM was off over time: what the answer added to its position and heading."""
+"""Drift of SLAM over time: distance and heading from its own track to the corrected one."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from synchronizar.reporting.plots.drift import drift_of
 from synchronizar.reporting.plots.style import JUMP, Style, few
 
 LEAST_M, LEAST_DEG = 0.1, 1.0
-"""What the axes show at least, so that a correction below the noise of a range does not look large."""
+"""Least span of the axes, so that a correction below the noise of a range does not look large."""
 
 
 def draw_corrections(distance: Axes, turn: Axes, answer: Answer, styles: dict[str, Style]) -> None:
-    """Distance (m) from SLAM's own track and heading against it (degrees), a line for everybody who walks."""
+    """Draw the distance (m) and heading (degrees) from SLAM's own track, a line for each user that is not static."""
     for name in answer.moving:
         drift, t = drift_of(answer, name), answer.elapsed(name, answer.tracks[name].t)
         at = np.array([jump.pose for jump in answer.registration.users[name].jumps], dtype=int)

@@ -1,4 +1,4 @@
-"""The second page: what is wrong with which device, and which pairs of them disagree."""
+"""devices.png: each device's drift, calibration and jumps, and the residuals of each pair."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_IN_A_ROW = 5
 
 
 def draw_devices(answer: Answer, title: str) -> Figure:
-    """The whole page: SLAM's drift, each device's numbers, the jumps; below them the pairs."""
+    """The figure: SLAM's drift, each device's calibration, the jumps; below them the pairs."""
     found = pairs(answer)
     pair_rows = -(-min(len(found), MOST_PAIRS) // MOST_IN_A_ROW)
     bottom_in = BOTTOM_IN + pair_rows * PAIR_ROW_IN
@@ -50,12 +50,12 @@ def _draw_each(figure: SubFigure, answer: Answer) -> None:
 
 
 def _draw_pairs(figure: SubFigure, answer: Answer, found: list[Pair]) -> None:
-    """As many panels as can be read, on the same axes."""
+    """Draw a panel for each pair, MOST_PAIRS at most, all with the same axes."""
     shown, limits = found[:MOST_PAIRS], pair_limits(answer, range_sigma(answer))
-    told = "Measured minus predicted of each pair over time: used grey, rejected red, at the edge where further out"
+    title = "Measured minus predicted of each pair over time: used grey, rejected red, at the edge where further out"
     if len(shown) < len(found):
-        told += f" - the {len(shown)} pairs of the largest rms, {len(found) - len(shown)} more not shown"
-    figure.suptitle(told if found else "No pair has a usable range", fontsize=12)
+        title += f" - the {len(shown)} pairs of the largest rms, {len(found) - len(shown)} more not shown"
+    figure.suptitle(title if found else "No pair has a usable range", fontsize=12)
     if not found:
         return
     rows = -(-len(shown) // MOST_IN_A_ROW)
@@ -66,7 +66,7 @@ def _draw_pairs(figure: SubFigure, answer: Answer, found: list[Pair]) -> None:
             ax.axis("off")
             continue
         draw_pair(ax, answer, shown[index], limits)
-        # The lowest panel of each column tells the time, though others of the row may be missing.
+        # The lowest panel of each column has the time labels, even where the last row is not full.
         ax.tick_params(labelbottom=index + in_a_row >= len(shown))
     figure.supxlabel("time since the first range (s)", fontsize=10)
     figure.supylabel("residual (m)", fontsize=10)

@@ -1,4 +1,4 @@
-"""What the answer corrected of a walk: SLAM's own track beside it, how far apart they are, and how turned."""
+"""Drift of SLAM: its own track against the corrected one, in distance and heading."""
 
 from __future__ import annotations
 
@@ -8,26 +8,27 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.data.track import Track
-from synchronizar.geometry import YawFrame, multiply_quaternions, wrap_angle
+from synchronizar.geometry import YawFrame
+from synchronizar.quaternions import inverse_quaternions, multiply_quaternions, yaw_of_quaternions
 from synchronizar.reporting.plots.answer import Answer
 
 
 @dataclass(frozen=True)
 class Drift:
-    """SLAM's own track against the corrected one, pose by pose."""
+    """SLAM's own track against the corrected one, at each of n poses."""
 
     uncorrected: Track
-    """SLAM's own track in the common frame, at the estimated scale: it begins where the corrected one does."""
+    """SLAM's own track in the common frame, at the estimated scale, aligned to the corrected one at the first pose."""
     distance: Array
-    """(n,) m from the corrected position."""
+    """(n,) m between SLAM's position and the corrected one."""
     turn: Array
-    """(n,) rad: how far, to the left, the correction turned the heading; continuous in time."""
+    """(n,) rad: corrected heading minus SLAM's, unwrapped over time."""
 
 
 def common_from_user_at_start(answer: Answer, name: str) -> YawFrame:
-    """The frame of a placed user at its first pose; SLAM may drift and jump away from it.
+    """A user's frame in the common one at its first pose; it differs from that at the last pose as SLAM drifts.
 
-    A static radio has one frame at all times.
+    A static radio has one frame for all times. The user must not be disconnected.
     """
     frame = answer.registration.users[name].common_from_user
     assert frame is not None
@@ -40,7 +41,7 @@ def common_from_user_at_start(answer: Answer, name: str) -> YawFrame:
 
 
 def drift_of(answer: Answer, name: str) -> Drift:
-    """Of a user that walks and has a placement."""
+    """Drift of a user that is neither static nor disconnected."""
     slam, corrected, frame = answer.slam[name], answer.tracks[name], common_from_user_at_start(answer, name)
     uncorrected = replace(slam, position=frame @ slam.position, quat_xyzw=frame.rotate_quaternions(slam.quat_xyzw))
     return Drift(
@@ -51,6 +52,5 @@ def drift_of(answer: Answer, name: str) -> Drift:
 
 
 def _yaw_between(before: Array, after: Array) -> Array:
-    """(n,) rad within [-pi, pi): how far attitudes (n, 4) must turn about the vertical to become others (n, 4)."""
-    turn = multiply_quaternions(after, before * np.array([-1.0, -1.0, -1.0, 1.0]))
-    return np.asarray(wrap_angle(np.asarray(2.0 * np.arctan2(turn[:, 2], turn[:, 3]))))
+    """(n,) rad within [-pi, pi): rotation about the vertical from attitudes (n, 4) to others (n, 4)."""
+    return yaw_of_quaternions(multiply_quaternions(after, inverse_quaternions(before)))

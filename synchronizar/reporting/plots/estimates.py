@@ -1,4 +1,4 @@
-"""What is wrong with each device at all times: its scale, its radio's bias, its clock; how far its SLAM drifts."""
+"""Panels of each device's calibration (scale, radio bias, clock offset) and of its SLAM's drift noise."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from synchronizar.reporting.plots.answer import Answer
 from synchronizar.reporting.plots.style import Style, short
 
 SIGMAS = 2.0
-"""What error bars and the model's bands hold to either side."""
+"""Half length of error bars and half width of the priors' bands, in sigma."""
 DEVICE, PRIOR_DOMINATED = "black", "0.55"
 FEWEST_ROWS, MOST_ROWS = 8, 44
 ROWS_IN_LARGE_PRINT = 26
 
 
 class Kind(NamedTuple):
-    """One of the numbers that a device has."""
+    """One calibration value of a device, and how its panel shows it."""
 
     name: str
-    """As UserRegistration.prior_dominated has it."""
+    """Its name in UserRegistration.prior_dominated."""
     title: str
     unit: float
-    """What it is told in: 1e-3 for thousandths."""
+    """Unit of the panel in SI units: 1e-3 for thousandths."""
     form: str
     neutral: float
-    """Of a device with which nothing is wrong."""
+    """Value of an ideal device."""
     prior: tuple[float, float]
-    """Where the model expects it."""
+    """Lower and upper edge of the prior's band of SIGMAS sigma."""
 
 
 def kinds(model: Parameters) -> tuple[Kind, Kind, Kind]:
-    """In the order of DeviceSigma."""
-    # Of a device by itself, before any range: its own deviation and that of its kind.
+    """Scale, range bias and clock offset, with the model's priors."""
+    # One device before any range: its own deviation and the one that all devices share, in quadrature.
     log_scale = SIGMAS * hypot(model.devices.scale_sigma, model.devices.scale_common_sigma)
     bias = SIGMAS * hypot(model.devices.bias_sigma, model.devices.bias_common_sigma)
     clock = SIGMAS * hypot(model.devices.clock_sigma, model.devices.clock_common_sigma)
@@ -49,12 +49,12 @@ def kinds(model: Parameters) -> tuple[Kind, Kind, Kind]:
 
 
 def rows_shown(answer: Answer) -> int:
-    """How many lines the panels have."""
+    """Number of rows; one more where some users are not shown."""
     return min(len(answer.names), MOST_ROWS) + (len(answer.names) > MOST_ROWS)
 
 
 def draw_names(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
-    """Who is who in all panels: before each name a sample of its line."""
+    """Draw the users' names for all panels, each behind a sample of its line."""
     for row, name in enumerate(answer.names[:MOST_ROWS]):
         style = styles[name]
         if answer.registration.users[name].static:
@@ -69,7 +69,7 @@ def draw_names(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
 
 
 def draw_estimates(ax: Axes, answer: Answer, kind: Kind) -> None:
-    """One number of each device with its error bar, over the band in which the model expects it."""
+    """Draw one calibration value of each device with its error bar, over the prior's band."""
     ax.axvspan(kind.prior[0] / kind.unit, kind.prior[1] / kind.unit, color="0.93", zorder=0)
     ax.axvline(kind.neutral / kind.unit, color="0.75", linewidth=0.8, zorder=1)
     shown = list(kind.prior)
@@ -77,7 +77,7 @@ def draw_estimates(ax: Axes, answer: Answer, kind: Kind) -> None:
         user = answer.registration.users[name]
         value = _value(user, kind)
         if value is None:
-            _tell(ax, row, "-", PRIOR_DOMINATED, _font_size(answer))
+            _write(ax, row, "-", PRIOR_DOMINATED, _font_size(answer))
         else:
             reach = min(_reach(user, kind), kind.prior[1] - kind.prior[0])
             shown += [value - reach, value + reach]
@@ -93,18 +93,18 @@ def draw_estimates(ax: Axes, answer: Answer, kind: Kind) -> None:
 
 
 def draw_slam_noise(ax: Axes, answer: Answer) -> None:
-    """How many times as far as the model says each SLAM drifts: in place (dots), in heading (diamonds)."""
+    """Draw the factors of each SLAM's drift noise over the model's: of position (dots) and of heading (diamonds)."""
     ax.axvline(1.0, color="0.75", linewidth=0.8, zorder=1)
     shown = [0.5, 2.0]
     for row, name in enumerate(answer.names[:MOST_ROWS]):
         noise = answer.registration.users[name].slam_noise
         if noise is None:
-            _tell(ax, row, "-", PRIOR_DOMINATED, _font_size(answer))
+            _write(ax, row, "-", PRIOR_DOMINATED, _font_size(answer))
             continue
         shown += noise
         for value, marker in zip(noise, "oD", strict=True):
             ax.plot(value, row, marker, color=DEVICE, markerfacecolor="none", markersize=5)
-        _tell(ax, row, f"{noise[0]:.2f}, {noise[1]:.2f}", DEVICE, _font_size(answer))
+        _write(ax, row, f"{noise[0]:.2f}, {noise[1]:.2f}", DEVICE, _font_size(answer))
     ax.set_xscale("log", base=2)
     ax.set(
         xlim=(min(shown) / 1.2, max(shown) * 1.2),
@@ -119,7 +119,7 @@ def draw_slam_noise(ax: Axes, answer: Answer) -> None:
 
 
 def _value(user: UserRegistration, kind: Kind) -> float | None:
-    """None where the user has no such number: it has no placement, or it is static and has but a bias."""
+    """The user's value; None where it is disconnected, or static and the value is not the range bias."""
     if user.common_from_user is None or (user.static and kind.name != "range_bias"):
         return None
     return {
@@ -130,13 +130,13 @@ def _value(user: UserRegistration, kind: Kind) -> float | None:
 
 
 def _reach(user: UserRegistration, kind: Kind) -> float:
-    """Of its error bar; 0 where there is none."""
+    """Half length of its error bar; 0 where its sigma is unknown."""
     sigma = 0.0 if user.calibration_sigma is None else float(getattr(user.calibration_sigma, kind.name))
     return SIGMAS * sigma if np.isfinite(sigma) else 0.0
 
 
 def _draw_estimate(ax: Axes, row: int, user: UserRegistration, kind: Kind, value: float, font_size: float) -> None:
-    """Hollow and grey where the prior determines it."""
+    """Draw one value and write it beside the panel; hollow and grey where the prior dominates it."""
     hollow = kind.name in user.prior_dominated
     colour = PRIOR_DOMINATED if hollow else DEVICE
     reach = _reach(user, kind) / kind.unit
@@ -151,17 +151,17 @@ def _draw_estimate(ax: Axes, row: int, user: UserRegistration, kind: Kind, value
         capsize=2.5,
         linewidth=1.2,
     )
-    said = format(value / kind.unit, kind.form)
-    _tell(ax, row, f"{said} ±{reach:{kind.form}}" if reach else said, colour, font_size)
+    text = format(value / kind.unit, kind.form)
+    _write(ax, row, f"{text} ±{reach:{kind.form}}" if reach else text, colour, font_size)
 
 
-def _tell(ax: Axes, row: int, said: str, colour: str, font_size: float) -> None:
-    """A number beside the panel."""
-    ax.text(1.03, row, said, transform=ax.get_yaxis_transform(), color=colour, fontsize=font_size, va="center")
+def _write(ax: Axes, row: int, text: str, colour: str, font_size: float) -> None:
+    """Write a number beside the panel."""
+    ax.text(1.03, row, text, transform=ax.get_yaxis_transform(), color=colour, fontsize=font_size, va="center")
 
 
 def _limits(answer: Answer) -> tuple[float, float]:
-    """The first user is on top."""
+    """Limits of the y axis; the first user is on top."""
     return max(rows_shown(answer), FEWEST_ROWS) - 0.5, -0.5
 
 

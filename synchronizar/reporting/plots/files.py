@@ -1,4 +1,4 @@
-"""The pictures as files beside the answer."""
+"""Writes the plots as files beside the answer."""
 
 from __future__ import annotations
 
@@ -9,25 +9,24 @@ from matplotlib.figure import Figure
 
 from synchronizar.data.recording import Recording
 from synchronizar.errors import os_faults
+from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
 from synchronizar.reporting.plots.answer import read_answer
 from synchronizar.reporting.plots.devices import draw_devices
+from synchronizar.reporting.plots.history import history_of
 from synchronizar.reporting.plots.picture import draw
 from synchronizar.reporting.plots.timeline import draw_timeline
-from synchronizar.reporting.plots.updates import read_history
 
 DPI = 110
-UPDATES = "updates.jsonl"
-"""What a replay writes and `register` does not."""
 PICTURE, DEVICES, REPLAY = "picture.png", "devices.png", "replay.png"
 
 
 def plot(recording: Recording, folder: str | Path, name: str) -> Path:
-    """Draw what `register --out` or `replay --out` wrote into a folder about the recording of that name.
+    """Draw what `register --out` or `replay --out` wrote into a folder; return the path of the first file.
 
-    Of what `register` wrote: `picture.png` in that folder and, where the answer corrects SLAM, `devices.png` beside it,
-    which tells what is wrong with which device. Of a replay: `replay.png`, which tells what was known when. Pages of an
-    earlier answer that are not drawn again are removed. Returns the path of the first page. Raises InputError where
-    there is no answer in the folder, it is about another recording, or nothing can be written.
+    Of a registration: `picture.png` in that folder and, where the model corrects SLAM, `devices.png` with each device's
+    calibration. Of a replay: `replay.png`. Files of an earlier answer that are not drawn again are removed. `name` is
+    the recording's, for the titles. Raises InputError where the folder holds no answer, or one about another recording,
+    or where a file cannot be written.
     """
     pages = _pages(recording, Path(folder), name)
     for page in (PICTURE, DEVICES, REPLAY):
@@ -41,8 +40,8 @@ def plot(recording: Recording, folder: str | Path, name: str) -> Path:
 
 def _pages(recording: Recording, folder: Path, name: str) -> dict[str, Figure]:
     devices = f"{len(recording.users)} devices"
-    if (folder / UPDATES).exists():
-        history = read_history(folder / UPDATES, recording)
+    if (folder / UPDATES_FILE).exists():  # only a replay writes it
+        history = history_of(read_updates(folder / UPDATES_FILE, recording), recording)
         return {REPLAY: draw_timeline(history, f"{name}: what was known of its {devices} while they moved")}
     answer = read_answer(folder, recording)
     pages = {PICTURE: draw(answer, f"{name}: where its {devices} were, from the distances between them")}
@@ -53,5 +52,5 @@ def _pages(recording: Recording, folder: Path, name: str) -> dict[str, Figure]:
 
 def _save(figure: Figure, file: Path) -> None:
     with warnings.catch_warnings(), os_faults(file):
-        warnings.filterwarnings("ignore", message="Glyph .* missing")  # names may be of scripts that the font lacks
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # names may be in scripts that the font lacks
         figure.savefig(file, dpi=DPI)

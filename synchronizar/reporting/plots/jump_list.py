@@ -1,4 +1,4 @@
-"""When SLAM jumped, whose, and how far."""
+"""Table of SLAM's jumps: time, device, distance, turn and tilt."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from synchronizar.reporting.plots.style import Style, short
 MOST_JUMPS = 20
 HEAD = ("at (s)", "device", "by (m)", "turn (°)", "tilt (°)")
 COLUMNS = (0.16, 0.21, 0.68, 0.85, 1.0)
-"""Where each begins, or ends where it is a number; a share of the width."""
+"""Left edge of the device's name and right edges of the numbers, as shares of the width."""
 ROW = 1.0 / (MOST_JUMPS + 3)
-"""Of the height."""
+"""Height of a row, as a share of the table's."""
 
 
 def draw_jumps(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
-    """A table in the order of time, also of those that have no placement; of very many jumps the first."""
+    """Draw the table in the order of time, MOST_JUMPS at most; disconnected users' jumps too."""
     ax.axis("off")
     jumps = [(name, jump) for name, user in answer.registration.users.items() for jump in user.jumps]
     times = [float(answer.elapsed(name, np.array([jump.t]))[0]) for name, jump in jumps]

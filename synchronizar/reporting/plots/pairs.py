@@ -1,4 +1,4 @@
-"""What the ranges of each pair say over time: the pairs that agree least with the answer first."""
+"""Residuals of each pair of devices over time; the pairs with the largest residuals come first."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ MOST_PAIRS = 15
 
 
 class Pair(NamedTuple):
-    """Two users between whom ranges were usable."""
+    """Two users with usable ranges between them."""
 
     a: str
     b: str
     rows: NDArray[np.intp]
-    """Of its usable ranges."""
+    """Indices of its usable ranges."""
     rms: float
-    """m, of the residuals of those that were used; NaN where none was."""
+    """m: RMS residual of its used ranges; NaN where none was used."""
 
 
 def pairs(answer: Answer) -> list[Pair]:
-    """Those of whose ranges none was used, then by rms, the largest first."""
+    """All pairs with usable ranges: those without a used range first, then by RMS residual, largest first."""
     verdicts, ranges, count = answer.registration.ranges, answer.ranges, len(answer.names)
     pair = np.minimum(ranges.a, ranges.b).astype(np.int64) * count + np.maximum(ranges.a, ranges.b)
     found = []
@@ -41,7 +41,7 @@ def pairs(answer: Answer) -> list[Pair]:
 
 
 def pair_limits(answer: Answer, sigma: float) -> tuple[float, float]:
-    """m: what all panels show, the same to either side; a few sigma at least, and nearly all that was used."""
+    """m: symmetric limits of all panels: LEAST_SIGMAS sigma at least, and SHOWN of the used residuals."""
     residual = np.abs(answer.registration.ranges.residual[answer.registration.ranges.used])
     reach = float(np.quantile(residual, SHOWN)) if len(residual) else 0.0
     reach = max(1.2 * reach, LEAST_SIGMAS * sigma)
@@ -49,7 +49,7 @@ def pair_limits(answer: Answer, sigma: float) -> tuple[float, float]:
 
 
 def draw_pair(ax: Axes, answer: Answer, pair: Pair, limits: tuple[float, float]) -> None:
-    """The residual of each range of a pair when it was measured; at the edge where it is further out."""
+    """Draw the residuals of a pair over time; those outside the limits stand at the edge."""
     verdicts, t = answer.registration.ranges, answer.ranges.t[pair.rows] - answer.began
     residual, used = verdicts.residual[pair.rows], verdicts.used[pair.rows]
     ax.axhline(0.0, color="black", linewidth=0.8, zorder=1)

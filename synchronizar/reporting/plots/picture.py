@@ -1,4 +1,4 @@
-"""The page: the map, beside it who is who and what became of the ranges."""
+"""picture.png: the map, residuals over time and as a histogram, and a list of the users."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_LISTED = 2 * ROWS_PER_COLUMN
 
 
 def draw(answer: Answer, title: str) -> Figure:
-    """The whole page."""
+    """The figure."""
     figure = Figure(figsize=SIZE_IN, layout="constrained")
     columns = figure.add_gridspec(1, 2, width_ratios=(2.4, 1.0))
     left = columns[0].subgridspec(2, 1, height_ratios=(3.6, 1.0))
@@ -38,11 +38,11 @@ def draw(answer: Answer, title: str) -> Figure:
 
 
 def _draw_users(ax: Axes, answer: Answer, of_user: dict[str, Style]) -> None:
-    """What came out for everybody, under the figures of the whole."""
+    """List every user with its state and 1 sigma, below a summary of the registration."""
     ax.axis("off")
     listed = answer.names[:MOST_LISTED]
     handles = [_sample(of_user[name], answer.registration.users[name].static) for name in listed]
-    # A space before each: what begins with _ would be left out.
+    # Each begins with a space: matplotlib leaves out what begins with _.
     captions = [" " + caption(answer, name) for name in listed]
     if len(listed) < len(answer.names):
         handles.append(Line2D([], [], linestyle=""))

@@ -1,4 +1,4 @@
-"""What the ranges say: how far each is from what the answer predicts, in all and over time."""
+"""Residuals of the ranges (measured minus predicted, m): their histogram, and each over time."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from synchronizar.reporting.plots.answer import Answer
 from synchronizar.reporting.plots.style import REJECTED, USED
 
 SHOWN = 0.98
-"""Share of the ranges whose residuals the axes must hold."""
+"""Share of the residuals that the axes must hold."""
 LEAST_SIGMAS = 6.0
 BINS = 80
 
 
 def range_sigma(answer: Answer) -> float:
-    """m: the median of the usable ranges' own standard deviations, the model's where a recording does not say."""
+    """m: median 1 sigma of the usable ranges; the model's where the recording gives none."""
     sigma = answer.ranges.sigma[answer.registration.ranges.usable]
     return (
         float(np.median(np.where(np.isnan(sigma), Parameters().ranges.sigma, sigma)))
@@ -27,14 +27,14 @@ def range_sigma(answer: Answer) -> float:
 
 
 def residual_limits(answer: Answer, sigma: float) -> tuple[float, float]:
-    """m: what the axes show; a few sigma at least, and nearly all residuals."""
+    """m: limits of the axes: LEAST_SIGMAS sigma to either side at least, and SHOWN of the residuals."""
     residual = answer.registration.ranges.residual[answer.registration.ranges.usable]
     low, high = np.quantile(residual, [0.5 - 0.5 * SHOWN, 0.5 + 0.5 * SHOWN]) if len(residual) else (0.0, 0.0)
     return min(1.1 * float(low), -LEAST_SIGMAS * sigma), max(1.1 * float(high), LEAST_SIGMAS * sigma)
 
 
 def draw_histogram(ax: Axes, answer: Answer, sigma: float, limits: tuple[float, float]) -> None:
-    """How many of the used and of the rejected ranges have which residual, and what noise alone would give."""
+    """Draw histograms of the used and of the rejected ranges' residuals, and the normal density of noise alone."""
     used, rejected = _split(answer)
     edges = np.linspace(*limits, BINS + 1).tolist()
     ax.hist(used, edges, color=USED, label="used")
@@ -54,7 +54,7 @@ def draw_histogram(ax: Axes, answer: Answer, sigma: float, limits: tuple[float, 
 
 
 def draw_over_time(ax: Axes, answer: Answer, limits: tuple[float, float]) -> None:
-    """The residual of each range when it was measured."""
+    """Draw the residual of each range over time."""
     verdicts, t = answer.registration.ranges, answer.ranges.t - answer.began
     rejected = verdicts.usable & ~verdicts.used
     for mask, colour, size in ((verdicts.used, USED, 2.0), (rejected, REJECTED, 3.0)):
@@ -71,11 +71,12 @@ def draw_over_time(ax: Axes, answer: Answer, limits: tuple[float, float]) -> Non
 
 
 def _split(answer: Answer) -> tuple[Array, Array]:
-    """Residuals (m) of the used and of the rejected."""
+    """Residuals (m) of the used and of the rejected ranges."""
     verdicts = answer.registration.ranges
     return verdicts.residual[verdicts.used], verdicts.residual[verdicts.usable & ~verdicts.used]
 
 
 def _outside(residual: Array, limits: tuple[float, float]) -> str:
+    """How many residuals lie outside the limits, in parentheses; nothing where none does."""
     count = int(((residual < limits[0]) | (residual > limits[1])).sum())
     return f" ({count} further out)" if count else ""

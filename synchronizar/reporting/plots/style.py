@@ -1,4 +1,4 @@
-"""Which colour and line everybody has, and how they are called."""
+"""Colours, line styles and captions of users in the plots."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from synchronizar.data.registration import State
 from synchronizar.reporting.plots.answer import Answer
 from synchronizar.reporting.plots.uncertainty import axes_of, plane_covariance
 
-# Paul Tol's muted scheme, which the colour-blind can tell apart, the strongest first.
+# Paul Tol's muted scheme, distinct for the colour-blind, the strongest first.
 PALETTE = ("#332288", "#44AA99", "#AA4499", "#999933", "#88CCEE", "#882255", "#117733", "#DDCC77", "#CC6677")
 Dashes = Literal["-", "--", "-.", ":"]
 DASHES: tuple[Dashes, ...] = ("-", "--", "-.", ":")
@@ -21,26 +21,26 @@ FAINT = 0.35
 JUMP = "X"
 """The marker of a jump."""
 MOST_POSES = 20_000
-"""A line through more places looks no different and takes long to draw."""
+"""Poses drawn of a line: more look no different and take longer."""
 LONGEST_NAME = 16
 HEADING_UNKNOWN = 1.0
-"""rad, 1 sigma."""
+"""rad: 1 sigma of a yaw from which on it is called unknown."""
 
 
 class Style(NamedTuple):
-    """How a user is drawn."""
+    """Colour and dashes of a user's lines."""
 
     colour: str
     dashes: Dashes
 
 
 def styles(answer: Answer) -> dict[str, Style]:
-    """Of all users of an answer."""
+    """The styles of all users of an answer."""
     return styles_of({name: user.static for name, user in answer.registration.users.items()})
 
 
 def styles_of(static: Mapping[str, bool]) -> dict[str, Style]:
-    """By who stands still: those are all alike; others differ by colour, and from the tenth on by dashes."""
+    """The styles of users by name: static ones share one, others differ by colour, and from the tenth on by dashes."""
     out, walkers = {}, 0
     for name, stands in static.items():
         if stands:
@@ -52,29 +52,29 @@ def styles_of(static: Mapping[str, bool]) -> dict[str, Style]:
 
 
 def few(n: int) -> slice:
-    """Of n poses in the order of time, evenly chosen ones: as many as a line needs."""
+    """Slice of n poses that leaves MOST_POSES at most, evenly spaced."""
     return slice(None, None, max(1, -(-n // MOST_POSES)))
 
 
 def short(name: str) -> str:
-    """A name that fits."""
+    """The name, shortened to LONGEST_NAME characters."""
     return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
 
 
 def caption(answer: Answer, name: str) -> str:
-    """`bob: registered ±0.04 m ±0.3°`: 1 sigma in the plane, where its walk ends, and of its heading."""
+    """`bob: registered ±0.04 m ±0.3°`: state, 1 sigma in the plane at the walk's end, 1 sigma of the heading."""
     registration = answer.registration
     user = registration.users[name]
     if name == registration.reference and not answer.corrects_slam:
         return f"{short(name)}: the reference"
-    said = f"{short(name)}: {'the reference' if name == registration.reference else user.state}"
+    text = f"{short(name)}: {'the reference' if name == registration.reference else user.state}"
     if user.state is State.AMBIGUOUS:
-        said += f" ({len(registration.alternatives)} fit)"
+        text += f" ({len(registration.alternatives)} fit)"
     if user.covariance is None:
-        return said
+        return text
     sigmas, _ = axes_of(plane_covariance(user, answer.tracks[name].position[-1]))
-    said += f" ±{sigmas[0]:.2f} m"
+    text += f" ±{sigmas[0]:.2f} m"
     if user.static:
-        return said
+        return text
     yaw_sigma = float(np.sqrt(user.covariance[3, 3]))
-    return said + (f" ±{np.degrees(yaw_sigma):.1f}°" if yaw_sigma < HEADING_UNKNOWN else ", yaw unknown")
+    return text + (f" ±{np.degrees(yaw_sigma):.1f}°" if yaw_sigma < HEADING_UNKNOWN else ", yaw unknown")

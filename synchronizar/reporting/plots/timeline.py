@@ -1,4 +1,4 @@
-"""The page of a replay: what was known of whom at each moment."""
+"""replay.png: each user's state, progress and 1 sigma over time, and the events."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from matplotlib.patheffects import withStroke
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
+from synchronizar.reporting.plots.history import History, UserHistory
 from synchronizar.reporting.plots.style import Style, short, styles_of
-from synchronizar.reporting.plots.updates import History, UserHistory
 
 WIDTH_IN = 12.0
 ROW_IN = 0.42
@@ -24,23 +24,23 @@ FEWEST_ROWS, MOST_USERS = 2, 40
 MOST_EVENTS = 24
 LONGEST_EVENT = 84
 STATE_COLOURS = {
-    # Paul Tol's light scheme: behind black print, and told apart by the colour-blind.
+    # Paul Tol's light scheme: legible behind black, and distinct for the colour-blind.
     State.REGISTERED: "#44BB99",
     State.AMBIGUOUS: "#EEDD88",
     State.UNOBSERVABLE: "#EE8866",
     State.DISCONNECTED: "#DDDDDD",
 }
 SHORTEST_S = 0.1
-"""What the axis of time shows at least."""
+"""s: least length of the time axis."""
 BAR = 0.8
-"""Height of a user's bar as a share of its row."""
+"""Height of a user's bar, as a share of its row."""
 SAMPLE = (-0.024, -0.004)
-"""Where a sample of a user's line stands between its name and its bar, as a share of the width."""
+"""Ends of the sample of a user's line, between its name and its bar, as shares of the width."""
 HALO = (withStroke(linewidth=3.0, foreground="white"),)
 
 
 def draw_timeline(history: History, title: str) -> Figure:
-    """The whole page: everybody's state and progress, below them how sure it was, and what was told."""
+    """The figure: every user's state and progress, 1 sigma in the plane and of the heading, and the events."""
     events_in = LINE_IN * (2 + _event_rows(history))
     heights = (ROW_IN * _rows(history), PANEL_IN, PANEL_IN, events_in)
     figure = Figure(figsize=(WIDTH_IN, sum(heights) + MARGIN_IN), layout="constrained")
@@ -61,13 +61,13 @@ def draw_timeline(history: History, title: str) -> Figure:
 
 
 def _rows(history: History) -> int:
-    """How many rows the bars have, that of those not shown included."""
+    """Number of rows; one more where some users are not shown."""
     n = len(history.users)
     return max(min(n, MOST_USERS) + (n > MOST_USERS), FEWEST_ROWS)
 
 
 def _draw_states(ax: Axes, history: History, of_user: dict[str, Style]) -> None:
-    """A bar for each user, from the first range on; over it its progress, and what it was told."""
+    """Draw a bar for each user, from the first range on; over it progress, events and cues."""
     shown = list(history.users)[:MOST_USERS]
     for row, name in enumerate(shown):
         user, style = history.users[name], of_user[name]
@@ -109,7 +109,7 @@ def _draw_states(ax: Axes, history: History, of_user: dict[str, Style]) -> None:
 
 
 def _draw_bar(ax: Axes, row: int, t: Array, states: list[State]) -> None:
-    """A state holds until another is told."""
+    """Draw the states as one bar; a state holds until the next update with another one."""
     first = np.array([n for n, state in enumerate(states) if n == 0 or state is not states[n - 1]], dtype=int)
     begin = np.where(first == 0, 0.0, t[first])
     end = np.append(begin, t[-1:])[1:]
@@ -117,11 +117,12 @@ def _draw_bar(ax: Axes, row: int, t: Array, states: list[State]) -> None:
 
 
 def _new_cues(t: Array, cues: list[str | None]) -> Array:
-    """When a user was told to walk another way."""
+    """(m,) s: times at which the cue changed to another one."""
     return t[[n for n, cue in enumerate(cues) if cue is not None and (n == 0 or cue != cues[n - 1])]]
 
 
 def _draw_sigma(ax: Axes, t: Array, sigma: Array, user: UserHistory, style: Style) -> None:
+    """Draw 1 sigma (n,) over time, thick while the user is registered."""
     registered = np.array([state is State.REGISTERED for state in user.states], dtype=bool)
     for y, width in ((sigma, 0.9), (np.where(registered, sigma, np.nan), 2.2)):
         ax.plot(t, y, linestyle=style.dashes, color=style.colour, linewidth=width)
@@ -131,12 +132,12 @@ def _draw_sigma(ax: Axes, t: Array, sigma: Array, user: UserHistory, style: Styl
 
 
 def _event_rows(history: History) -> int:
-    """In two columns."""
+    """Number of rows of the events, which stand in two columns."""
     return -(-min(len(history.events), MOST_EVENTS) // 2)
 
 
 def _draw_events(ax: Axes, history: History) -> None:
-    """The first ones, down the left half and then down the right one."""
+    """List the first events, down the left half and then down the right one."""
     ax.axis("off")
     events, rows = history.events[:MOST_EVENTS], _event_rows(history)
     title = "What was told" if events else "Nothing was told" if len(history.t) else "No range came"
@@ -145,6 +146,6 @@ def _draw_events(ax: Axes, history: History) -> None:
     ax.set_title(title)
     for n, (t, event) in enumerate(events):
         x, y = 0.5 * (n // rows), 1.0 - (n % rows + 1.0) / (rows + 1.0)
-        said = event if len(event) <= LONGEST_EVENT else event[: LONGEST_EVENT - 1] + "…"
+        shortened = event if len(event) <= LONGEST_EVENT else event[: LONGEST_EVENT - 1] + "…"
         ax.text(x + 0.045, y, f"{t:.1f} s", fontsize=8, ha="right", transform=ax.transAxes, in_layout=False)
-        ax.text(x + 0.055, y, said, fontsize=8, transform=ax.transAxes, in_layout=False)
+        ax.text(x + 0.055, y, shortened, fontsize=8, transform=ax.transAxes, in_layout=False)

@@ -1,4 +1,4 @@
-"""The map: everybody's walk from above, in the common frame."""
+"""The map: every user's track from above in the common frame, with uncertainty and ranges."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from synchronizar.reporting.plots.style import FAINT, JUMP, REJECTED, STATIC, US
 from synchronizar.reporting.plots.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
 
 MOST_RANGES = 150
-"""More lines would hide the walks."""
+"""Ranges drawn at most: more lines would hide the walks."""
 SMALLEST_M = 1.0
-"""Side of the map where nobody moves."""
+"""m: least side of the map."""
 MARGIN = 0.08
 ARROW = 0.06
-"""Length of an arrow as a share of the map."""
+"""Length of an arrow, as a share of the map's side."""
 HALO = (withStroke(linewidth=2.5, foreground="white"),)
-# Where names stand beside their markers (points), so that those who start together can be read.
+# Offsets (points) of names from their markers, so that names of users who start together do not overlap.
 NAME_OFFSETS = ((7, 6), (7, -13), (-7, 6), (-7, -13))
 MOST_TIMES = 12
-"""More times beside jumps would hide the walks."""
+"""Jumps labelled with their time at most: more would hide the walks."""
 UNCORRECTED = (0, (3.0, 2.0))
-"""Dashes of SLAM's own track."""
+"""Dashes of SLAM's own tracks."""
 
 SYMBOLS = (
     Line2D([], [], color=STATIC, marker="o", markersize=6, linestyle="", label="start; the arrow is its own x axis"),
@@ -61,12 +61,12 @@ SYMBOLS_OF_CORRECTIONS = (
 
 
 def symbols(answer: Answer) -> tuple[Line2D, ...]:
-    """What the map's symbols mean."""
+    """Legend entries of the map's symbols."""
     return SYMBOLS + (SYMBOLS_OF_CORRECTIONS if answer.corrects_slam else ())
 
 
 def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
-    """Walks, static radios, how sure they are, and some of the ranges between them."""
+    """Draw walks, static radios, their 95 % ellipses, and some of the ranges between them."""
     span = _frame_the_map(ax, answer)
     _draw_ranges(ax, answer)
     for name in answer.tracks:
@@ -90,9 +90,9 @@ def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
 
 
 def _frame_the_map(ax: Axes, answer: Answer) -> float:
-    """Set the axes up, and return the side (m) of what they must show: every walk as every placement has it.
+    """Set up the axes; return the side (m) of the square around every walk, alternatives included.
 
-    SLAM's own tracks are shown too, as far as they do not lead out of a map of twice that side.
+    SLAM's own tracks are shown too, within a map of twice that side.
     """
     walks = [track.position[:, :2] for track in answer.tracks.values()]
     for name, user in answer.registration.users.items():
@@ -120,7 +120,7 @@ def _frame_the_map(ax: Axes, answer: Answer) -> float:
 
 
 def _other_walks(answer: Answer, name: str) -> list[Array]:
-    """The user's walk (n, 3) m as each alternative but the best has it."""
+    """(n, 3) m, common frame: the user's walk under each alternative but the best."""
     frame = answer.registration.users[name].common_from_user
     assert frame is not None
     others = [other.common_from_user.get(name) for other in answer.registration.alternatives[1:]]
@@ -129,7 +129,7 @@ def _other_walks(answer: Answer, name: str) -> list[Array]:
 
 
 def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
-    """What SLAM itself made of each walk, and where it jumped."""
+    """Draw SLAM's own tracks, and its jumps."""
     for name in answer.moving:
         walk = drift_of(answer, name).uncorrected.position
         ax.add_collection(
@@ -161,7 +161,7 @@ def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> Non
 
 
 def _draw_ranges(ax: Axes, answer: Answer) -> None:
-    """As many lines as can be told apart, evenly chosen among the ranges that were usable."""
+    """Draw MOST_RANGES of the usable ranges at most, evenly chosen."""
     verdicts = answer.registration.ranges
     usable = np.flatnonzero(verdicts.usable)
     rows = usable[np.unique(np.linspace(0, len(usable) - 1, min(MOST_RANGES, len(usable))).round().astype(int))]
@@ -181,7 +181,7 @@ def _draw_user(ax: Axes, answer: Answer, name: str, style: Style, span: float) -
     _draw_walk(ax, position, user, style, alpha=0.9)
     _draw_ellipse(ax, user, position[-1], style, largest=span)
     if not user.static:
-        if not answer.corrects_slam:  # else how sure its frame is is known of the end alone
+        if not answer.corrects_slam:  # else the covariance is that of the frame at the end alone
             _draw_ellipse(ax, user, position[0], style, largest=span)
         _draw_heading(ax, common_from_user_at_start(answer, name).yaw, position[0], style, ARROW * span)
     if user.state is State.UNOBSERVABLE and user.unseen_direction is not None:
@@ -200,7 +200,7 @@ def _draw_walk(ax: Axes, walk: Array, user: UserRegistration, style: Style, alph
 
 
 def _draw_ellipse(ax: Axes, user: UserRegistration, place: Array, style: Style, largest: float) -> None:
-    """Where a place may be; not where that is anywhere on the map."""
+    """Draw the 95 % ellipse of a position; none where that is larger than the map."""
     sigmas, angle = axes_of(plane_covariance(user, place))
     width, height = 2.0 * np.sqrt(CHI2_95_OF_TWO) * sigmas
     if width > largest:
@@ -224,7 +224,7 @@ def _draw_heading(ax: Axes, yaw: float, start: Array, style: Style, length: floa
 
 
 def _draw_unseen(ax: Axes, user: UserRegistration, end: Array, style: Style, length: float) -> None:
-    """How the end of the walk could move, to scale of the map and not of the error: along, about, or up and down."""
+    """Draw the unobservable direction at the end of the walk: along, about the vertical, or in height; not to scale."""
     assert user.unseen_direction is not None
     unseen = np.nan_to_num(user.unseen_direction)
     along = jacobian(user, end) @ unseen

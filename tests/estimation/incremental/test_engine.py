@@ -14,8 +14,9 @@ from synchronizar.data.registration import State
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.replay import in_time
 from synchronizar.estimation.register import register
-from synchronizar.geometry import YawFrame, wrap_angle, yaw_quaternion
+from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.parameters import Parameters
+from synchronizar.quaternions import yaw_quaternion
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
 NOISY = Scene(
