@@ -14,28 +14,17 @@ from synchronizar.diagnosis.stamps import chosen, duration
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.suspect_poses import frozen_poses, frozen_runs
 
-SPARSE_S = 0.5
-"""s between poses: at 1 m/s^2 a device is 3 cm beside the straight line between two poses then, at 1 s 12 cm."""
-NEVER_MOVES_M = 0.1
-NEVER_TURNS_RAD = 0.05
-"""A device in a hand sways and turns by more."""
-ATTITUDE_NOISE_RAD = 1e-3
-"""No device moves by metres and turns by less than that."""
-MOVES_M = 0.5
-USUAL_INTERVALS = 5.0
-"""A gap is longer than the time between poses by so much."""
 
-
-def pose_gap_findings(recording: Recording) -> list[Finding]:
+def pose_gap_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each track with stretches in which ranges were measured and poses are missing."""
     found = []
-    longest = Parameters().slam.longest_pose_gap
+    longest, limits = parameters.slam.longest_pose_gap, parameters.diagnosis
     for name, track in recording.tracks.items():
         dt = np.diff(track.t)
         usual = float(np.median(dt)) if len(dt) else 0.0
-        if usual > SPARSE_S:
+        if usual > limits.sparse_interval:
             continue
-        wide = np.flatnonzero(dt > max(longest, USUAL_INTERVALS * usual))
+        wide = np.flatnonzero(dt > max(longest, limits.gap_intervals * usual))
         t = own_range_times(recording, name)
         inside = np.searchsorted(t, track.t[wide + 1]) - np.searchsorted(t, track.t[wide], side="right")
         wide, inside = wide[inside > 0], inside[inside > 0]
@@ -56,11 +45,11 @@ def pose_gap_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def frozen_pose_findings(recording: Recording) -> list[Finding]:
+def frozen_pose_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each track in which a pose is repeated while the device moved on."""
     found = []
     for name, track in recording.tracks.items():
-        runs = frozen_runs(track)
+        runs = frozen_runs(track, parameters)
         if not runs:
             continue
         seconds = sum(float(track.t[run.last] - track.t[run.first]) for run in runs)
@@ -78,15 +67,15 @@ def frozen_pose_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def sparse_pose_findings(recording: Recording) -> list[Finding]:
+def sparse_pose_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each track of a device that moves, with too few poses to tell where it was in between."""
     found = []
-    longest = Parameters().slam.longest_pose_gap
+    longest, limits = parameters.slam.longest_pose_gap, parameters.diagnosis
     for name, track in recording.tracks.items():
-        if len(track) < 2 or track.extent() < MOVES_M:
+        if len(track) < 2 or track.extent() < limits.moving_extent:
             continue
         interval = float(np.median(np.diff(track.t)))
-        if interval <= SPARSE_S:
+        if interval <= limits.sparse_interval:
             continue
         lost = f"; beyond {longest:g} s between poses its ranges cannot be used" if interval > longest else ""
         found.append(
@@ -100,14 +89,14 @@ def sparse_pose_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def never_moves_findings(recording: Recording) -> list[Finding]:
+def never_moves_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each device with a track that stands still: nobody can tell its heading from ranges."""
-    found = []
+    found, limits = [], parameters.diagnosis
     for user in recording.users:
         if user.static or not len(own_range_times(recording, user.name)):
             continue
         track = recording.tracks[user.name]
-        if len(track) < 2 or track.extent() > NEVER_MOVES_M or attitude_span(track) > NEVER_TURNS_RAD:
+        if len(track) < 2 or track.extent() > limits.still_extent or attitude_span(track) > limits.still_turn:
             continue
         remedy = (
             "where its antennas are anchors in a room, make each a user of its own with `static = true` and its "
@@ -123,14 +112,16 @@ def never_moves_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def attitude_findings(recording: Recording) -> list[Finding]:
+def attitude_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each device that moves and never turns at all."""
-    found = []
+    found, limits = [], parameters.diagnosis
     for user in recording.users:
         if user.static:
             continue
         track = recording.tracks[user.name]
-        if len(track) < 10 or track.extent() < MOVES_M or attitude_span(track) > ATTITUDE_NOISE_RAD:
+        if len(track) < limits.fewest_poses or track.extent() < limits.moving_extent:
+            continue
+        if attitude_span(track) > limits.attitude_noise:
             continue
         what = "identity" if abs(track.quat_xyzw[0, 3]) > 1.0 - 1e-6 else "the same"
         has = " and it has antennas, whose place depends on it" if user.antennas else ""
@@ -146,11 +137,11 @@ def attitude_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def without_frozen_poses(recording: Recording) -> Recording:
+def without_frozen_poses(recording: Recording, parameters: Parameters) -> Recording:
     """The same recording without the poses that repeat an earlier one while the device moved on."""
     tracks = {}
     for name, track in recording.tracks.items():
-        frozen = frozen_poses(track)
+        frozen = frozen_poses(track, parameters)
         tracks[name] = chosen(track, ~frozen) if frozen.any() else track
     return replace(recording, tracks=tracks)
 

@@ -63,9 +63,9 @@ class Summary:
     """and the last."""
 
 
-def summary_of(recording: Recording) -> Summary:
+def summary_of(recording: Recording, parameters: Parameters) -> Summary:
     """What is in a recording, before anything is solved."""
-    r, users, parameters = recording.ranges, recording.users, Parameters()
+    r, users = recording.ranges, recording.users
     finite = np.isfinite(r.distance)
     sensible = finite & (np.where(finite, r.distance, 0.0) >= parameters.ranges.shortest)
     sensible &= np.where(finite, r.distance, 0.0) <= parameters.ranges.longest

@@ -33,10 +33,10 @@ def register(
     """
     parameters = parameters or Parameters()
     ref = reference_of(recording, reference, parameters)
-    found = findings_of(recording)
+    found = findings_of(recording, parameters)
     solve = register_full if model == "full" else register_rigid
     registration = solve(recording, ref, parameters, progress or unheard)
-    return with_reasons(registration, [*found, *findings_of_solution(recording, registration, found)])
+    return with_reasons(registration, [*found, *findings_of_solution(recording, registration, found, parameters)])
 
 
 def reference_of(recording: Recording, name: str | None, parameters: Parameters) -> int:

@@ -18,6 +18,7 @@ from synchronizar.diagnosis.clock_shift import clock_shift_findings
 from synchronizar.estimation.register import register
 from synchronizar.geometry import rotate_by_quaternions
 from synchronizar.io.registration_folder import registration_json
+from synchronizar.parameters import Parameters
 from synchronizar.reporting.tables import registration_table
 from synchronizar.simulation.simulate import Scene, simulate
 
@@ -95,7 +96,7 @@ def test_a_robot_that_starts_lower_is_told_to_set_its_height_sigma() -> None:
     ("seconds", "names"), [(1.5, ("phone1",)), (-3.3, ("phone2",)), (3.0, ("phone0", "phone1", "phone2"))]
 )
 def test_a_clock_that_is_seconds_off_is_told_with_how_much(seconds: float, names: tuple[str, ...]) -> None:
-    found = clock_shift_findings(of_tracks(delayed(seconds), names)(walk(1)))
+    found = clock_shift_findings(of_tracks(delayed(seconds), names)(walk(1)), Parameters())
     assert [(str(f.code), f.user) for f in found] == [("clock", names[0] if len(names) == 1 else None)]
     side = "ahead of" if seconds > 0.0 else "behind"
     told = re.search(rf"(\d+\.\d) s {side}", found[0].message)
@@ -104,7 +105,7 @@ def test_a_clock_that_is_seconds_off_is_told_with_how_much(seconds: float, names
 
 
 def test_nothing_is_told_of_clocks_that_agree() -> None:
-    assert clock_shift_findings(walk(1, late_share=0.3)) == []
+    assert clock_shift_findings(walk(1, late_share=0.3), Parameters()) == []
 
 
 def test_arms_in_a_robots_axes_on_a_cameras_attitudes_are_told() -> None:
@@ -127,4 +128,4 @@ def test_arms_in_a_robots_axes_on_a_cameras_attitudes_are_told() -> None:
     for lever, expected in (((0.25, 0.0, 0.0), ["optical-axes"] * 3), ((0.0, 0.0, 0.25), [])):
         users = tuple(replace(user, antennas={"front": lever}) for user in recording.users)
         camera = of_tracks(lambda track: held(track, OPTICAL.T))(replace(recording, users=users, ranges=measured))
-        assert [str(f.code) for f in findings_of(camera)] == expected
+        assert [str(f.code) for f in findings_of(camera, Parameters())] == expected
