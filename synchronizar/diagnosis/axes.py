@@ -143,29 +143,32 @@ def _finding(name: str, track: Track, sign: Sign, up: Up, parameters: Parameters
     spread = track.position.std(axis=0)
     if sign.code is Code.QUATERNION_ORDER:
         seen = (
-            f"as w x y z its attitudes turn about the vertical (concentration {reordered.concentration[2]:.2f}), as "
-            f"x y z w not (z {as_read.concentration[2]:.2f})"
+            f"read so, the device stays upright as it turns ({reordered.concentration[2]:.2f} of 1), read as x y z w "
+            f"it does not ({as_read.concentration[2]:.2f} of 1)"
             if as_read.vertical != 2
-            else f"as w x y z the device is carried forwards (concentration {_length(reordered.forward):.2f}), as "
-            f"x y z w in all directions ({_length(as_read.forward):.2f})"
+            else f"read so, the device faces where it goes ({_length(reordered.forward):.2f} of 1), read as x y z w it "
+            f"does not ({_length(as_read.forward):.2f} of 1)"
         )
         return Finding(
-            sign.code, name, f"its quaternions are likely written as w x y z: {seen}", "write them as qx qy qz qw"
+            sign.code,
+            name,
+            f"its quaternions are likely in the order w x y z: {seen}",
+            "write them in the order qx qy qz qw",
         )
     letter, taken = OWN_AXES[up][sign.vertical], OWN_AXES[up][2]
     turns = (
-        f"it turns about it (concentration {as_read.concentration[sign.vertical]:.2f}, {taken} "
+        f"the device turns about {letter} ({as_read.concentration[sign.vertical]:.2f} of 1, about {taken} "
         f"{as_read.concentration[2]:.2f}) and "
         if as_read.vertical == sign.vertical
         else ""
     )
     seen = (
-        f"its {letter} axis is likely vertical, not {taken}: {turns}its places spread by "
-        f"{spread[sign.vertical]:.2f} m along it, by {spread[2]:.2f} m along {taken}"
+        f"its {letter} axis is likely vertical, not {taken}: {turns}its positions spread by "
+        f"{spread[sign.vertical]:.2f} m along {letter} and {spread[2]:.2f} m along {taken}"
     )
     if sign.code is Code.OPTICAL_AXES and up == "z":
         remedy = "turn its track from a camera's axes (x right, y down, z forward): x = z, y = -x, z = -y"
-        return Finding(sign.code, name, f"{seen}; it points down, as a camera's does", remedy)
+        return Finding(sign.code, name, f"{seen}, and {letter} points down as in a camera's axes", remedy)
     return Finding(sign.code, name, seen, _remedy(name, letter))
 
 
@@ -173,7 +176,7 @@ def _remedy(name: str, vertical: str) -> str:
     """What to say in recording.toml; what it cannot say has to be done to the track."""
     if vertical == "x":
         return "turn its track so that z points up"
-    return f'say `up = "{vertical}"` in recording.toml, at the top or under [users.{name}]'
+    return f'write `up = "{vertical}"` in recording.toml, at the top or under [users.{name}]'
 
 
 def _length(vector: Array) -> float:

@@ -47,8 +47,8 @@ def clock_shift_findings(recording: Recording, parameters: Parameters) -> list[F
         Finding(
             Code.CLOCK,
             name,
-            f"{whose} likely {abs(shift):.1f} s {side} that of the ranges: with that taken out these fit to "
-            f"{after:.2f} m, as they are to {before:.2f} m",
+            f"{whose} likely {abs(shift):.1f} s {side} that of the ranges: with that corrected the ranges "
+            f"fit to {after:.2f} m, as they are only to {before:.2f} m",
             f"{change.format(f'{abs(shift):.2f} s')} the stamps of {'its track' if name is not None else 'all tracks'}",
         )
     ]

@@ -28,14 +28,14 @@ def time_overlap_findings(recording: Recording, parameters: Parameters) -> list[
         first, last = float(own.min()), float(own.max())
         apart = first - end if first > end else begin - last
         epochs_differ = (abs(begin) > limits.epoch[0]) != (abs(first) > limits.epoch[0])
-        spans = f"its track is {begin:.3f} to {end:.3f}, its ranges are {first:.3f} to {last:.3f}"
+        spans = f"the track runs from {begin:.3f} s to {end:.3f} s, its ranges from {first:.3f} s to {last:.3f} s"
         found.append(
             Finding(
                 Code.TIME_OVERLAP,
                 user.name,
-                f"no range falls within its track, they are {duration(apart)} apart: {spans}",
-                "stamp tracks and ranges by one clock, or add the difference to the stamps of its track"
-                + (" (one counts from 1970 and the other not)" if epochs_differ else ""),
+                f"no range falls within the time of its track: {spans} ({duration(apart)} apart)",
+                "stamp the track and the ranges by the same clock"
+                + (" (one counts from 1970, the other from another moment)" if epochs_differ else ""),
             )
         )
         offset = begin - first

@@ -37,7 +37,7 @@ def pose_gap_findings(recording: Recording, parameters: Parameters) -> list[Find
                 Code.POSE_GAP,
                 name,
                 f"{stretches} without poses, {duration(float(dt[wide].sum()))} in all, the longest of "
-                f"{duration(float(dt[worst]))} at {track.t[worst]:.3f}: {inside.sum()} of its {len(t)} ranges cannot "
+                f"{duration(float(dt[worst]))} at {track.t[worst]:.3f} s: {inside.sum()} of its {len(t)} ranges cannot "
                 "be used",
                 "look whether SLAM lost tracking there",
             )
@@ -59,9 +59,9 @@ def frozen_pose_findings(recording: Recording, parameters: Parameters) -> list[F
             Finding(
                 Code.FROZEN_POSES,
                 name,
-                f"the last pose is repeated {times}, {count} poses and {duration(seconds)} in all, first at "
-                f"{track.t[runs[0].first]:.3f}, and then it is somewhere else",
-                "write no pose while SLAM has lost tracking",
+                f"{times} one pose is repeated and then the device is somewhere else ({count} poses, "
+                f"{duration(seconds)} in all, first at {track.t[runs[0].first]:.3f} s): SLAM had lost tracking",
+                "write no poses while SLAM has lost tracking",
             )
         )
     return found
@@ -77,12 +77,12 @@ def sparse_pose_findings(recording: Recording, parameters: Parameters) -> list[F
         interval = float(np.median(np.diff(track.t)))
         if interval <= limits.sparse_interval:
             continue
-        lost = f"; beyond {longest:g} s between poses its ranges cannot be used" if interval > longest else ""
+        lost = f": ranges between poses more than {longest:g} s apart cannot be used" if interval > longest else ""
         found.append(
             Finding(
                 Code.SPARSE_POSES,
                 name,
-                f"a pose each {interval:.2f} s only{lost}",
+                f"it has only one pose every {interval:.2f} s{lost}",
                 "write the poses at 10 Hz or more",
             )
         )
@@ -99,10 +99,11 @@ def never_moves_findings(recording: Recording, parameters: Parameters) -> list[F
         if len(track) < 2 or track.extent() > limits.still_extent or attitude_span(track) > limits.still_turn:
             continue
         remedy = (
-            "where its antennas are anchors in a room, make each a user of its own with `static = true` and its "
-            "`position`; else walk with it"
+            "if its antennas are anchors in a room, make each a user of its own with `static = true`; if it is a "
+            "device that can be carried, walk with it"
             if len(user.antennas) > 1
-            else "where it is a beacon, remove its track and say `static = true` in recording.toml; else walk with it"
+            else "if it is a beacon, remove its track and write `static = true` in recording.toml; if it is a device "
+            "that can be carried, walk with it"
         )
         seen = (
             f"it stands still: its {len(track)} poses lie within {track.extent():.3f} m and "
@@ -129,8 +130,9 @@ def attitude_findings(recording: Recording, parameters: Parameters) -> list[Find
             Finding(
                 Code.ATTITUDE_UNKNOWN,
                 user.name,
-                f"its attitude is {what} throughout while it moves over {track.extent():.1f} m: likely not known{has}",
-                "write the attitude that SLAM has"
+                f"its attitude is {what} throughout while it moves over {track.extent():.1f} m, so it was likely never "
+                f"measured{has}",
+                "write the attitude that SLAM estimates"
                 + ("" if not user.antennas else ", or remove its antennas from recording.toml"),
             )
         )

@@ -18,13 +18,13 @@ def repeated_range_findings(recording: Recording, parameters: Parameters) -> lis
     seen, remedy = [], "write each measurement once"
     if copy.any():
         seen.append(
-            f"{copy.sum()} of {len(r)} ranges repeat another to the letter (time, devices, distance): they count once"
+            f"{copy.sum()} of {len(r)} ranges are exact copies of another one (time, devices, distance) and count once"
         )
     share, chance = _held_numbers(r.select(~copy), parameters.diagnosis)
     if share - chance > parameters.diagnosis.repeated_share:
         seen.append(
-            f"{share:.0%} of the ranges have the very number of the one before of their pair (by chance {chance:.0%}): "
-            "likely a radio's last measurement under a new stamp"
+            f"{share:.0%} of the ranges have exactly the value of the one before them of the same pair ({chance:.0%} "
+            f"would by chance): likely old measurements under new stamps"
         )
         remedy += ", with its own stamp"
     return [Finding(Code.REPEATED_RANGES, None, "; ".join(seen), remedy)] if seen else []
@@ -41,7 +41,7 @@ def no_range_findings(recording: Recording) -> list[Finding]:
             Code.NO_RANGES,
             user.name,
             "it has no range with anybody",
-            "look whether its radio was on and whether ranges.csv names it the same way as its track",
+            "check that its radio was on and that ranges.csv calls it by the same name as its track",
         )
         for user, n in zip(recording.users, count.tolist(), strict=True)
         if n == 0

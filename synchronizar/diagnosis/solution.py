@@ -90,10 +90,10 @@ def _heights(
             Finding(
                 Code.HEIGHT,
                 user.name,
-                f"its origin would have to lie {abs(height):.1f} m {side} than {than} for its ranges to fit "
-                f"(1 sigma {sigma:.2f} m), its height_sigma is {allowed:g} m",
-                f"say `height_sigma = {ceil(10.0 * abs(height)) / 10.0:.1f}` under [users.{user.name}] in "
-                "recording.toml where that can be",
+                f"its origin would have to lie {abs(height):.1f} m {side} than {than} (1 sigma {sigma:.2f} m) for its "
+                f"ranges to fit, which its height_sigma of {allowed:g} m does not allow",
+                f"if it was started at another height, write `height_sigma = {ceil(10.0 * abs(height)) / 10.0:.1f}` "
+                f"under [users.{user.name}] in recording.toml",
             )
         )
     return found
@@ -118,9 +118,10 @@ def _biases(recording: Recording, adjustment: Adjustment, parameters: Parameters
             Finding(
                 Code.RANGE_BIAS,
                 None,
-                f"ranges are likely too {'long' if mean > 0.0 else 'short'} by {abs(mean):.2f} m on average: antenna "
-                "delays",
-                f"calibrate the radios' antenna delays, or {'subtract' if mean > 0.0 else 'add'} {abs(mean):.2f} m",
+                f"ranges are likely too {'long' if mean > 0.0 else 'short'} by {abs(mean):.2f} m on average: the "
+                "radios' antenna delays are likely not calibrated",
+                f"calibrate them, or {'subtract' if mean > 0.0 else 'add'} {abs(mean):.2f} m "
+                f"{'from' if mean > 0.0 else 'to'} the column range",
             )
         )
     there = np.flatnonzero(np.isfinite(adjustment.bias))
@@ -136,7 +137,7 @@ def _biases(recording: Recording, adjustment: Adjustment, parameters: Parameters
                     Code.RANGE_BIAS,
                     name,
                     f"its radio likely makes ranges {abs(own):.2f} m {'longer' if own > 0.0 else 'shorter'} than the "
-                    f"others do (1 sigma {adjustment.bias_sigma[u]:.2f} m)",
+                    f"others' do (1 sigma {adjustment.bias_sigma[u]:.2f} m)",
                     "calibrate its antenna delay",
                 )
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,8 +32,8 @@ def stray_stamp_findings(recording: Recording, parameters: Parameters) -> list[F
             Finding(
                 Code.STRAY_STAMP,
                 name,
-                f"{which} stamped {duration(float(away))} away from the other {len(others)} (at {t[0]:.3f}; they are "
-                f"at {others[0]:.3f} to {others[-1]:.3f})",
+                f"{which} stamped {duration(float(away))} away from the other {len(others)} (at {t[0]:.3f} s; the "
+                f"others run from {others[0]:.3f} s to {others[-1]:.3f} s)",
                 "remove the line from its track" if len(t) == 1 else "remove these lines from its track",
             )
         )
@@ -48,9 +49,9 @@ def time_unit_findings(recording: Recording, parameters: Parameters) -> list[Fin
             Finding(
                 Code.TIME_UNIT,
                 name,
-                f"its stamps are likely {unit}: its {len(t)} poses are {np.median(np.diff(t)):.4g} apart and span "
-                f"{t[-1] - t[0]:.6g}",
-                f"divide the stamps of its track by {UNITS[unit]:g}: they are read as seconds",
+                f"its stamps are likely in {unit}: as seconds, its {len(t)} poses would lie "
+                f"{duration(float(np.median(np.diff(t))))} apart and last {duration(float(t[-1] - t[0]))}",
+                f"divide the stamps of its track by {UNITS[unit]:.0f}",
             )
         )
     if (unit_of_ranges := range_unit(recording, parameters)) is not None:
@@ -59,8 +60,9 @@ def time_unit_findings(recording: Recording, parameters: Parameters) -> list[Fin
             Finding(
                 Code.TIME_UNIT,
                 None,
-                f"the stamps of ranges.csv are likely {unit_of_ranges}: {len(t)} ranges span {np.ptp(t):.6g}",
-                f"divide its column t by {UNITS[unit_of_ranges]:g}: stamps are read as seconds",
+                f"the stamps of ranges.csv are likely in {unit_of_ranges}: as seconds, its {len(t)} ranges would last "
+                f"{duration(float(np.ptp(t)))}",
+                f"divide its column t by {UNITS[unit_of_ranges]:.0f}",
             )
         )
     return found
@@ -77,6 +79,20 @@ def in_seconds(recording: Recording, parameters: Parameters) -> Recording:
     if of_ranges is not None:
         ranges = replace(ranges, t=ranges.t / UNITS[of_ranges])
     return replace(recording, tracks=tracks, ranges=ranges)
+
+
+def without_ranges_of_unknown_time(recording: Recording, found: Sequence[Finding]) -> Recording:
+    """The same recording, with NaN for ranges whose stamps, or whose device's stamps, were `found` to be no seconds.
+
+    Where a device was at such a range is not known; some would else fall on a wrong pose by chance.
+    """
+    wrong = {finding.user for finding in found if finding.code is Code.TIME_UNIT}
+    if not wrong:
+        return recording
+    r = recording.ranges
+    of_user = np.array([user.name in wrong for user in recording.users])
+    unknown = of_user[r.a] | of_user[r.b] | (None in wrong)
+    return replace(recording, ranges=replace(r, distance=np.where(unknown, np.nan, r.distance)))
 
 
 def without_stray_poses(recording: Recording, parameters: Parameters) -> Recording:

@@ -57,6 +57,10 @@ class Summary:
     usable: int
     no_distance: int
     """Ranges whose number can be no distance, whatever the tracks say."""
+    shortest: float | None
+    """m: the smallest number of all,"""
+    longest: float | None
+    """and the largest."""
     begin: float | None
     """s, the range clock: the first range,"""
     end: float | None
@@ -100,6 +104,8 @@ def summary_of(recording: Recording, parameters: Parameters) -> Summary:
         len(r),
         int(usable.sum()),
         int((~sensible).sum()),
+        float(r.distance[finite].min()) if finite.any() else None,
+        float(r.distance[finite].max()) if finite.any() else None,
         float(r.t.min()) if len(r) else None,
         float(r.t.max()) if len(r) else None,
     )

@@ -32,7 +32,7 @@ def unit_findings(recording: Recording, fits: PairFits, in_metres: PairFits, par
                 Code.RANGE_UNIT,
                 None,
                 f"the ranges are likely in {unit}: {seen}",
-                f"divide the column range by {UNITS[unit]:.5g}: ranges are read as metres",
+                f"divide the column range by {UNITS[unit]:.5g}",
             )
         )
     of_all = _likely_unit(*everything, limits, inverse=True)
@@ -54,7 +54,7 @@ def unit_findings(recording: Recording, fits: PairFits, in_metres: PairFits, par
                     Code.TRACK_UNIT,
                     user.name,
                     f"its positions are likely in {unit_of_track}: {seen}",
-                    f"divide the positions of its track by {UNITS[unit_of_track]:.5g}: they are read as metres",
+                    f"divide the positions of its track by {UNITS[unit_of_track]:.5g}",
                 )
             )
     return found
@@ -80,7 +80,9 @@ def _range_unit(
         + np.log(max(middle, 1e-3) / UNITS[u] / limits.usual_distance) ** 2
         for u in ("millimetres", "centimetres")
     }
-    return min(misfit, key=lambda u: misfit[u]), f"their noise is {noise:.3g} and their median {middle:.4g}"
+    return min(
+        misfit, key=lambda u: misfit[u]
+    ), f"in metres their noise would be {noise:.3g} m and their median {middle:.4g} m"
 
 
 def _track_unit(
@@ -93,14 +95,14 @@ def _track_unit(
     if not speed > limits.fastest:
         return None, ""
     unit = min(("millimetres", "centimetres"), key=lambda u: abs(np.log(speed / UNITS[u] / limits.usual_speed)))
-    return unit, f"it moves at {speed:.4g} m/s"
+    return unit, f"in metres it would move at {speed:.4g} m/s"
 
 
 def _change(square: Array, factor: float, limits: DiagnosisParameters) -> str:
     near = square[_near(square, factor, limits)]
     return (
-        f"where a device moves by 1 they change by {np.sqrt(np.median(near)) if len(near) else factor:.3g} "
-        f"(in {len(near)} of {len(square)} stretches)"
+        f"where a track moves by 1 m, ranges change by {np.sqrt(np.median(near)) if len(near) else factor:.4g} m "
+        f"(in {len(near)} of {len(square)} stretches of {limits.stretch:g} s)"
     )
 
 

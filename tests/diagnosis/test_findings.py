@@ -15,7 +15,9 @@ from support.paths import SHARED
 from synchronizar.data.findings import Code, Finding, finding_json
 from synchronizar.data.recording import Recording
 from synchronizar.diagnosis import findings_of
+from synchronizar.diagnosis.summary import summary_of
 from synchronizar.parameters import Parameters
+from synchronizar.reporting.check import check_json, check_table
 from synchronizar.simulation.simulate import Scene, simulate
 
 SEEDS = (1, 2)
@@ -61,7 +63,7 @@ def test_a_mistake_is_told_as_what_it_is_and_as_nothing_else(mistake: Mistake, s
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("settings", CLEAN, ids=str)
-def test_nothing_is_told_of_a_clean_walk(settings: dict[str, Any], seed: int) -> None:
+def test_nothing_is_told_of_fifty_clean_walks(settings: dict[str, Any], seed: int) -> None:
     scene = Scene(**({"users": 3, "seconds": 12.0, "seed": seed} | settings))
     assert findings_of(simulate(scene).recording, Parameters()) == []
 
@@ -81,8 +83,8 @@ def test_two_mistakes_are_both_told() -> None:
 def test_both_spans_are_told_where_times_do_not_overlap() -> None:
     mistake = next(m for m in MISTAKES if m.name == "tracks by uptime, ranges since 1970")
     message = findings_of(mistake.make(walk(1)), Parameters())[0].message
-    assert "its track is 81234." in message
-    assert "its ranges are 1700000000." in message
+    assert "the track runs from 81234." in message
+    assert "its ranges from 1700000000." in message
 
 
 def test_numbers_that_make_it_likely_are_told() -> None:
@@ -95,7 +97,7 @@ def test_numbers_that_make_it_likely_are_told() -> None:
 
 def test_a_finding_is_one_line_and_one_json_object() -> None:
     finding = Finding(Code.UP_AXIS, "ann", "its y axis is vertical", 'say `up = "y"`')
-    assert str(finding) == 'up-axis: ann: its y axis is vertical; say `up = "y"`'
+    assert str(finding) == 'up-axis: ann: its y axis is vertical. Remedy: say `up = "y"`'
     assert finding_json(finding) == {
         "code": "up-axis",
         "user": "ann",
@@ -156,3 +158,14 @@ def test_of_real_recordings_and_cases_what_is_known_of_them_is_told(name: str) -
     if not (SHARED / name).is_dir():
         pytest.skip(f"{SHARED / name} is not there")
     assert told(findings_of(Recording.load(SHARED / name), Parameters())) == EXPECTED[name]
+
+
+def test_garbage_ranges_of_a_real_recording_are_counted_and_shown_though_no_code_names_them() -> None:
+    if not (SHARED / "recordings/cmu_scott").is_dir():
+        pytest.skip(f"{SHARED / 'recordings/cmu_scott'} is not there")
+    summary = summary_of(Recording.load(SHARED / "recordings/cmu_scott"), Parameters())
+    assert (summary.no_distance, summary.ranges) == (7, 5346)
+    assert summary.longest is not None
+    assert summary.longest > 6.1e6
+    assert "7 of 5346 ranges are no possible distances" in check_table(summary, ())
+    assert check_json(summary, (), None)["ranges"]["longest"] == summary.longest
