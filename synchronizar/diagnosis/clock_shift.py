@@ -48,7 +48,7 @@ def clock_shift_findings(recording: Recording, parameters: Parameters) -> list[F
             Code.CLOCK,
             name,
             f"{whose} likely {abs(shift):.1f} s {side} that of the ranges: with that corrected the ranges "
-            f"fit to {after:.2f} m, as they are only to {before:.2f} m",
+            f"fit to {after:.2f} m, otherwise to {before:.2f} m",
             f"{change.format(f'{abs(shift):.2f} s')} the stamps of {'its track' if name is not None else 'all tracks'}",
         )
     ]

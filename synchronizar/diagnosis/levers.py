@@ -39,8 +39,8 @@ def lever_findings(recording: Recording, groups: Groups, parameters: Parameters)
             Code.OPTICAL_AXES,
             user.name,
             "its antennas are likely given in a robot's axes (x forward, y left, z up) and its attitudes in a camera's "
-            f"(x right, y down, z forward): its ranges fit to {np.median(after):.2f} m with the arms turned, only to "
-            f"{np.median(before):.2f} m as they are",
+            f"(x right, y down, z forward): its ranges fit to {np.median(after):.2f} m with the arms turned, otherwise "
+            f"to {np.median(before):.2f} m",
             "turn its lever arms in recording.toml: [x, y, z] becomes [-y, -z, x]",
         )
         for user in meant.values()

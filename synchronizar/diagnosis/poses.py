@@ -59,8 +59,8 @@ def frozen_pose_findings(recording: Recording, parameters: Parameters) -> list[F
             Finding(
                 Code.FROZEN_POSES,
                 name,
-                f"{times} one pose is repeated and then the device is somewhere else ({count} poses, "
-                f"{duration(seconds)} in all, first at {track.t[runs[0].first]:.3f} s): SLAM had lost tracking",
+                f"SLAM lost tracking {times}: it repeated one pose and then was somewhere else ({count} poses, "
+                f"{duration(seconds)} in all, first at {track.t[runs[0].first]:.3f} s)",
                 "write no poses while SLAM has lost tracking",
             )
         )
@@ -124,7 +124,7 @@ def attitude_findings(recording: Recording, parameters: Parameters) -> list[Find
             continue
         if attitude_span(track) > limits.attitude_noise:
             continue
-        what = "identity" if abs(track.quat_xyzw[0, 3]) > 1.0 - 1e-6 else "the same"
+        what = "the identity" if abs(track.quat_xyzw[0, 3]) > 1.0 - 1e-6 else "the same"
         has = " and it has antennas, whose place depends on it" if user.antennas else ""
         found.append(
             Finding(

@@ -102,7 +102,7 @@ def _change(square: Array, factor: float, limits: DiagnosisParameters) -> str:
     near = square[_near(square, factor, limits)]
     return (
         f"where a track moves by 1 m, ranges change by {np.sqrt(np.median(near)) if len(near) else factor:.4g} m "
-        f"(in {len(near)} of {len(square)} stretches of {limits.stretch:g} s)"
+        f"(in {len(near)} of {len(square)} stretches of up to {limits.stretch:g} s)"
     )
 
 
