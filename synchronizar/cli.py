@@ -198,6 +198,7 @@ def _check(options: argparse.Namespace) -> int:
     from synchronizar.diagnosis.summary import summary_of
     from synchronizar.estimation.register import register
     from synchronizar.io.tolerant import read_tolerantly
+    from synchronizar.parameters import Parameters
     from synchronizar.reporting.check import check_json, check_table
 
     _progress(f"loading {options.recording} ...")
@@ -207,16 +208,17 @@ def _check(options: argparse.Namespace) -> int:
         if options.json:
             _print(json.dumps({"findings": [], "users": {}, "ranges": {}, "refused": str(error)}))
         raise
-    findings = findings_of(recording)
+    parameters = Parameters()
+    findings = findings_of(recording, parameters)
     if refused is None and not spoils(findings):
         # What only a solution shows.
         _progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
         try:
             with _solvable(options.recording):
-                findings = list(register(recording).findings)
+                findings = list(register(recording, parameters=parameters).findings)
         except InputError as error:
             refused = error
-    summary = summary_of(recording)
+    summary = summary_of(recording, parameters)
     if options.json:
         _print(json.dumps(check_json(summary, findings, None if refused is None else str(refused)), allow_nan=False))
     else:

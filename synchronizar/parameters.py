@@ -253,6 +253,227 @@ class IntegrityParameters:
 
 
 @dataclass(frozen=True)
+class DiagnosisParameters:
+    """When something in a recording is reported as a mistake. Lengths m, angles rad, times s.
+
+    Where no other source is given, a value lies between what simulated and real recordings without the mistake show and
+    what the same recordings show with it.
+    """
+
+    fewest_poses: int = 10
+    """Poses that a track needs before anything is said of its rate, its stamps or its attitudes."""
+    still_extent: float = 0.1
+    """m: a device whose positions lie within this stands still; SLAM's noise is smaller, a step is longer."""
+    still_turn: float = 0.05
+    """rad: the same of its attitudes. A device in a hand sways and turns by more."""
+    moving_extent: float = 0.5
+    """m: a device whose positions extend further was carried about."""
+    attitude_noise: float = 1e-3
+    """rad: nothing is carried about and turns by less, so that such attitudes were never measured."""
+    sparse_interval: float = 0.5
+    """s between poses. At an acceleration of 1 m/s^2 a device is 3 cm beside the line between two poses that are 0.5 s
+    apart, and 12 cm where they are 1 s apart."""
+    gap_intervals: float = 5.0
+    """A stretch without poses is longer than so many usual intervals between poses."""
+
+    stray_share: float = 0.02
+    """A larger share of the poses that lies apart in time is a part of the walk, and no stray poses, ..."""
+    stray_few: int = 3
+    """... but so many poses may always be stray."""
+    stray_gap: float = 10.0
+    """s: stray poses are at least so far from the rest in time, and at least as far as the rest is long."""
+    frozen_duration: float = 0.5
+    """s: SLAM that repeats one pose for so long has lost tracking, or the device stands still."""
+    frozen_jump: float = 0.1
+    """m: a repeated pose that ends with a longer step was frozen, ..."""
+    frozen_turn: float = 0.1
+    """... or with a larger turn (rad), ..."""
+    frozen_steps: float = 5.0
+    """... where that is also so many times the 90 % quantile of the track's other steps."""
+
+    epoch: tuple[float, float] = (5e8, 1e10)
+    """s since 1970: stamps between these count from 1970 (it was 5e8 in 1985), smaller ones from another moment."""
+    slowest_rate_interval: float = 4.0
+    """s between poses: no SLAM is slower, so that the stamps are no seconds ..."""
+    slowest_walk: float = 0.02
+    """... where by them the device also moves slower (m/s) than anybody who moves."""
+    usual_intervals: tuple[float, float] = (5e-4, 1.0)
+    """s between poses: from an inertial unit at 2 kHz to the slowest map. The right unit leads there."""
+    covered_right: float = 0.8
+    """Share of the ranges that falls within a track's time where their unit is the right one, at least, ..."""
+    covered_wrong: float = 0.2
+    """... and where it is a wrong one, at most."""
+    span_ratio: float = 10.0
+    """Ranges whose stamps are in a smaller unit last so many times as long as any track."""
+    largest_clock_error: float = 2 * 86400.0
+    """s: clocks that count from the same moment are off by time zones or a day; more is another moment."""
+    time_zone_tolerance: float = 72.0
+    """s: by how much a clock may differ from full hours and still show a time zone."""
+    shift_longest: float = 20.0
+    """s: while times overlap, a clock is tried by up to so much ahead and behind, ..."""
+    shift_step: float = 0.4
+    """... first in steps of so much (s), in which a walker comes 0.4 m far, ..."""
+    shift_fine_step: float = 0.05
+    """... then of so much (s)."""
+    shift_least: float = 0.4
+    """s: a smaller error is found by the solver itself."""
+    shift_rows_kept: float = 0.8
+    """Share of a stretch's ranges that a shift must keep: fewer ranges fit better whatever the shift."""
+    shift_most_groups: int = 12
+    """Stretches that shifts are compared on; more take longer and say the same."""
+    shift_most_users: int = 8
+    """Moving users whose clocks are tried, at most: the time grows with the square."""
+
+    repeated_share: float = 0.25
+    """Share of ranges with the very number of the one before of their pair, above what chance explains."""
+    repeated_rows_apart: int = 20
+    """Ranges of a pair that are so far apart are equal by chance alone."""
+    repeated_fewest: int = 50
+    """Ranges that such a share is taken from, at least."""
+
+    axes_fewest_poses: int = 20
+    """Poses that a track needs before anything is said of its axes."""
+    vertical_concentration: float = 0.8
+    """Of the axis about which a device turns, at least: the length of its mean direction in body axes (0 to 1), ..."""
+    horizontal_concentration: float = 0.65
+    """... and of the other two, at most."""
+    flat_share: float = 0.2
+    """A walk is flat along an axis where it spreads by less than this share of either other axis, ..."""
+    flat_least_spread: float = 0.5
+    """... which are at least so much (m, standard deviation)."""
+    lower_share: float = 0.4
+    """Of two axes the one along which a walk spreads by less than this share of the other is likelier vertical."""
+    carried_concentration: float = 0.8
+    """Of the direction of motion in body axes, at least, where a device is carried forwards, ..."""
+    astray_concentration: float = 0.45
+    """... and at most, where its attitudes have nothing to do with how it moves."""
+    upside_down: float = -0.5
+    """Cosine between a body axis that should point up and the vertical, below which it points down."""
+    direction_interval: float = 0.5
+    """s over which the direction of motion is taken: half a step of a walker."""
+    direction_speed: float = 0.3
+    """m/s: slower motion is swaying, and has no direction."""
+    direction_fewest: int = 20
+    """Directions that a mean needs."""
+    direction_most: int = 1000
+    """Directions that a mean is taken over, evenly chosen; more say the same."""
+
+    stretch: float = 30.0
+    """s: ranges of a pair are fitted in stretches of so much, in which SLAM hardly drifts."""
+    stretch_fewest_ranges: int = 30
+    """Ranges that a stretch needs: the fit has 12 unknowns."""
+    stretch_most_ranges: int = 96
+    """Ranges of a stretch that are fitted, evenly chosen."""
+    most_stretches: int = 64
+    """Stretches that are fitted, evenly chosen: they bound the time on a long recording."""
+    fewest_stretches: int = 2
+    """Stretches that have to agree before two radios or a lever arm are reported."""
+    fit_passes: int = 5
+    """Reweighted least-squares steps of a fit, after which its weights change no more."""
+    fit_correlation: float = 3.0
+    """Factor on the variance of a fit, whose errors are correlated by multipath."""
+    fit_nearest: float = 0.25
+    """Shorter distances than this share of the median weigh like it: the square of a distance near 0 says nothing."""
+    soft_sigmas: float = 2.0
+    """sigma: scale of the Cauchy loss of these fits and of the adjustment."""
+    misfit: float = 0.2
+    """m: where radios, clocks and lengths are right, ranges fit better than this (robust 1 sigma)."""
+    misfit_left: float = 0.5
+    """Share of the misfit that an explanation may leave: the right one leaves the ranges' noise alone."""
+    most_users: int = 12
+    """Users of a recording in which radios are exchanged, or a solution is adjusted: the time grows with the square."""
+    swap_worse: float = 1.1
+    """No stretch may fit worse by this factor when two radios are exchanged."""
+    lever_least: float = 0.1
+    """m: a shorter lever arm makes no difference that ranges show."""
+    lever_left: float = 0.8
+    """Share of the misfit that is left with lever arms in a camera's axes, on average, at most, ..."""
+    lever_worse: float = 1.15
+    """... and in no stretch more than this."""
+
+    unit_odds: float = 8.0
+    """A unit is reported where its log likelihood is so far above that of any other, metres among them."""
+    unit_odds_one: float = 3.0
+    """The same of one track, where the others are known to be in metres."""
+    unit_share: float = 0.5
+    """Share of the fits, by weight, that agrees with the unit ..."""
+    unit_factor: float = 1.35
+    """... within this factor (of lengths)."""
+    unit_largest_weight: float = 4.0
+    """No fit counts for more than so many times the median one."""
+    unit_scale_sigma: float = 0.3
+    """1 sigma, relative, of the square of a scale: SLAM's own scale may be 15 % off."""
+    unit_fit_inflation: float = 1.5
+    """Factor on a fit's own 1 sigma, which is too small where ranges are NLOS."""
+    unit_fit_dof: float = 3.0
+    """Degrees of freedom of Student's t, as which errors of the fits are distributed."""
+    unit_known_sigmas: float = 4.0
+    """Sigmas from 0 from which on the devices' own motion says how long the ranges' unit is."""
+    unit_misfit: float = 0.15
+    """m: where all lengths are metres, the ranges of a track fit better than this."""
+    fastest: float = 15.0
+    """m/s: nothing within reach of a short-range radio moves faster for long."""
+    speed_interval: float = 1.0
+    """s over which a speed is taken."""
+    usual_speed: float = 0.7
+    """m/s, of a walker who looks about: millimetres and centimetres are told apart by it."""
+    usual_distance: float = 5.0
+    """m between two devices in a room: the same."""
+    largest_noise: float = 3.0
+    """m: where ranges spread by more (robust 1 sigma), they are not in metres."""
+    farthest: float = 100.0
+    """m: where devices move, ranges with such a noise are not in metres only if their median is longer than this."""
+
+    adjustment_fewest_ranges: int = 40
+    """Ranges that an adjustment of heights and antenna delays needs."""
+    adjustment_most_ranges: int = 800
+    """Ranges that are adjusted, evenly chosen."""
+    adjustment_sigmas: tuple[float, float, float, float, float, float] = (10.0, 10.0, 3.0, 3.0, 0.5, 0.05)
+    """1 sigma of its priors of x, y, z (m), yaw (rad), range bias (m) and log scale. They say next to nothing, but keep
+    what ranges do not determine; the scale is held near 1, for a solution may have bent it to make up for a delay."""
+    adjustment_static_factor: float = 2.0
+    """The height of a static radio has its own prior, wider by this."""
+    adjustment_held_sigma: float = 0.03
+    """m, 1 sigma of heights, or of delays, while they are held at what the priors expect."""
+    adjustment_steps: int = 12
+    """Gauss-Newton steps from each start, at most."""
+    adjustment_least_sigma: float = 0.03
+    """m: no radio is better."""
+    adjustment_correlation: float = 4.0
+    """Ranges whose errors are correlated (multipath, drift) count for a fourth."""
+    adjustment_heights: tuple[float, ...] = (-1.4, -0.7, 0.7, 1.4)
+    """m: starts with one origin so much higher. A level walk feels a height by its square, so that 0 is stationary."""
+    adjustment_biases: tuple[float, ...] = (-0.25, 0.25)
+    """m: starts with all radios' biases at this."""
+    adjustment_kept: int = 6
+    """Best minima of these starts that are looked at."""
+    adjustment_rejected: float = 10.0
+    """Evidence is divided by 1 + this times the share of rejected ranges: with many, some that are used are wrong."""
+    mirror_evidence: float = 3.0
+    """Log likelihood within which the other side, higher or lower, fits as well, ..."""
+    mirror_share: float = 0.5
+    """... where the height there is at least this share of the first one's."""
+    height_evidence: float = 5.0
+    """Log likelihood that usual heights must cost before a height is reported, ..."""
+    height_sigmas: float = 3.0
+    """... which besides is so many of its own height_sigma away from the others' mean."""
+    height_evidence_lost: float = 3.0
+    """The same of a user that is not registered, where a height is an explanation, ..."""
+    height_sigmas_lost: float = 2.0
+    """... and so many of its height_sigma."""
+    bias_evidence: float = 4.0
+    """Log likelihood that usual delays must cost before a delay is reported."""
+    largest_common_bias: float = 0.25
+    """m, of both radios of a pair together: calibrated radios are not further off, on average."""
+    largest_own_bias: float = 0.25
+    """m by which one calibrated radio differs from the others, at most."""
+    own_bias_sigmas: float = 5.0
+    """Sigmas by which it differs, besides."""
+    suspect_share: float = 0.5
+    """Where all users are registered, a solution is adjusted if a height or a bias exceeds this share of its limit."""
+
+
+@dataclass(frozen=True)
 class Parameters:
     """What is assumed of radios, SLAM, devices and people before anything is measured, and how the answer is found."""
 
@@ -263,6 +484,7 @@ class Parameters:
     search: SearchParameters = field(default_factory=SearchParameters)
     incremental: IncrementalParameters = field(default_factory=IncrementalParameters)
     integrity: IntegrityParameters = field(default_factory=IntegrityParameters)
+    diagnosis: DiagnosisParameters = field(default_factory=DiagnosisParameters)
 
     def changed(self, **subjects: Mapping[str, Any]) -> Parameters:
         """The same with other values: `Parameters().changed(ranges={"sigma": 0.05})`.

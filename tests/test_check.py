@@ -13,6 +13,10 @@ from support.broken import BROKEN, Broken, write_good
 
 from synchronizar.cli import main
 from synchronizar.data.findings import Code
+from synchronizar.data.recording import Recording
+from synchronizar.diagnosis.summary import summary_of
+from synchronizar.parameters import Parameters
+from synchronizar.reporting.check import check_table
 from synchronizar.simulation.simulate import Scene, simulate
 
 
@@ -145,6 +149,19 @@ def test_z_up_that_is_said_to_be_y_up_is_told_from_the_files(folder: Path, capsy
     assert (status, codes(answer)) == (1, [("up-axis", f"phone{n}") for n in range(3)])
     assert answer["findings"][0]["message"].startswith("its z axis is likely vertical, not y")
     assert 'up = "z"' in answer["findings"][0]["remedy"]
+
+
+def test_numbers_that_are_no_distances_are_counted_and_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with (folder / "ranges.csv").open("a") as file:
+        file.write("3.0,phone0,phone1,-6000000\n4.0,phone0,phone2,5000000\n")
+    status, answer, _ = checked(folder, capsys)
+    assert (status, codes(answer)) == (0, [])
+    ranges = answer["ranges"]
+    assert (ranges["no_distance"], ranges["shortest"], ranges["longest"]) == (2, -6e6, 5e6)
+    assert ranges["usable"] == ranges["count"] - 2
+    table = check_table(summary_of(Recording.load(folder), Parameters()), ())
+    shown = f"2 of {ranges['count']} ranges are no possible distances and not used (they go from -6e+06 m to 5e+06 m)"
+    assert shown in table.splitlines()
 
 
 def test_nothing_is_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -69,7 +69,7 @@ class Finding:
 
     def __str__(self) -> str:
         whose = "" if self.user is None else f" {self.user}:"
-        return f"{self.code}:{whose} {self.message}; {self.remedy}"
+        return f"{self.code}:{whose} {self.message}. Remedy: {self.remedy}"
 
 
 def finding_json(finding: Finding) -> dict[str, str | None]:

@@ -20,34 +20,39 @@ from synchronizar.diagnosis.radios import swapped_radio_findings
 from synchronizar.diagnosis.ranges import no_range_findings, repeated_range_findings
 from synchronizar.diagnosis.stamps import in_seconds, stray_stamp_findings, time_unit_findings, without_stray_poses
 from synchronizar.diagnosis.units import unit_findings
+from synchronizar.parameters import Parameters
 
 __all__ = ["findings_of"]
 
 
-def findings_of(recording: Recording) -> list[Finding]:
+def findings_of(recording: Recording, parameters: Parameters) -> list[Finding]:
     """What can be found without solving anything, the cause before what follows from it.
 
     What is found first is mended in a copy before the rest is looked for, so that one mistake is reported once.
     """
-    found = [*recording.findings, *time_unit_findings(recording)]
-    meant = in_seconds(recording)
-    found += stray_stamp_findings(meant)
-    meant = without_stray_poses(meant)
+    found = [*recording.findings, *time_unit_findings(recording, parameters)]
+    meant = in_seconds(recording, parameters)
+    found += stray_stamp_findings(meant, parameters)
+    meant = without_stray_poses(meant, parameters)
     found += [
-        *time_overlap_findings(meant),
+        *time_overlap_findings(meant, parameters),
         *no_range_findings(meant),
-        *repeated_range_findings(meant),
-        *pose_gap_findings(meant),
-        *frozen_pose_findings(meant),
-        *sparse_pose_findings(meant),
+        *repeated_range_findings(meant, parameters),
+        *pose_gap_findings(meant, parameters),
+        *frozen_pose_findings(meant, parameters),
+        *sparse_pose_findings(meant, parameters),
     ]
-    meant = without_frozen_poses(meant)
-    signs = signs_of(meant)
-    found += [*never_moves_findings(meant), *attitude_findings(meant), *axis_findings(meant, signs)]
+    meant = without_frozen_poses(meant, parameters)
+    signs = signs_of(meant, parameters)
+    found += [
+        *never_moves_findings(meant, parameters),
+        *attitude_findings(meant, parameters),
+        *axis_findings(meant, signs, parameters),
+    ]
     meant = with_z_up(meant, signs)
-    groups = groups_of(meant)
-    in_metres = fit_pairs(meant, groups, free=False)
-    units = unit_findings(meant, fit_pairs(meant, groups), in_metres)
+    groups = groups_of(meant, parameters)
+    in_metres = fit_pairs(meant, groups, parameters, free=False)
+    units = unit_findings(meant, fit_pairs(meant, groups, parameters), in_metres, parameters)
     if units:
         return [*found, *units]
-    return [*found, *lever_findings(meant, groups), *swapped_radio_findings(meant, in_metres)]
+    return [*found, *lever_findings(meant, groups, parameters), *swapped_radio_findings(meant, in_metres, parameters)]

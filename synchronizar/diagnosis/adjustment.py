@@ -17,34 +17,10 @@ import numpy as np
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
-from synchronizar.parameters import Parameters
+from synchronizar.parameters import DiagnosisParameters, Parameters
 
-MOST_RANGES = 800
-FEWEST_RANGES = 40
 X, Y, Z, YAW, BIAS, SCALE = range(6)
 TERMS = 6
-WIDE = (10.0, 10.0, 3.0, 3.0, 0.5, 0.05)
-"""1 sigma (m, m, m, rad, m, log) of priors that say nothing, and keep what nothing determines where it is; but SLAM's
-scale is held near 1, for a solution may have bent it to make up for a delay."""
-STEPS = 12
-SOFT = 2.0
-"""sigma from which on a residual loses its say (Cauchy)."""
-LEAST_SIGMA = 0.03
-"""m: no radio is better."""
-CORRELATION = 4.0
-"""Ranges whose errors hang together (multipath, drift) are worth a fourth as many."""
-HEIGHTS = (-1.4, -0.7, 0.7, 1.4)
-"""m: how much higher an origin is tried,"""
-BIASES = (-0.25, 0.25)
-"""and how much longer each radio makes its ranges."""
-REJECTED = 10.0
-"""Where a tenth of the ranges is rejected, what is left is worth half: among it are others that should be."""
-HELD = 0.03
-"""1 sigma (m) of heights and of delays that are held at what the priors expect."""
-MOST_KEPT = 6
-"""Of the minima that are found, the best so many are looked at."""
-MOST_USERS = 12
-"""A solution of more is not adjusted."""
 
 
 @dataclass(frozen=True)
@@ -67,14 +43,14 @@ class Adjustment:
     """Whether the heights with the other sign fit nearly as well."""
 
 
-def adjusted(recording: Recording, registration: Registration) -> Adjustment | None:
+def adjusted(recording: Recording, registration: Registration, parameters: Parameters) -> Adjustment | None:
     """The adjustment of a solution; None where there is too little to adjust, or too much."""
-    k = len(recording.users)
-    if k > MOST_USERS or registration.reference is None or registration.reference not in registration.users:
+    k, limits = len(recording.users), parameters.diagnosis
+    if k > limits.most_users or registration.reference is None or registration.reference not in registration.users:
         return None
     tracks = registration.tracks(recording)
-    ends = _ends(recording, registration)
-    if len(ends.i) < FEWEST_RANGES:
+    ends = _ends(recording, registration, parameters)
+    if len(ends.i) < limits.adjustment_fewest_ranges:
         return None
     count = np.bincount(np.concatenate([ends.i, ends.j]), minlength=k)
     reference = recording.index(registration.reference)
@@ -101,24 +77,27 @@ def adjusted(recording: Recording, registration: Registration) -> Adjustment | N
         0.0 if frame is None else -np.log(frame.scale)
         for frame in (registration.users[user.name].common_from_user for user in recording.users)
     ]
-    parameters = Parameters()
-    wide = np.tile(WIDE, (k, 1))
-    wide[static, Z] = 2.0 * parameters.priors.static_height_sigma
+    wide = np.tile(limits.adjustment_sigmas, (k, 1))
+    wide[static, Z] = limits.adjustment_static_factor * parameters.priors.static_height_sigma
     level, exact = wide.copy(), wide.copy()
-    level[~static, Z] = HELD
-    exact[:, BIAS] = HELD
+    level[~static, Z] = limits.adjustment_held_sigma
+    exact[:, BIAS] = limits.adjustment_held_sigma
 
-    problem = _Problem(ends, free, centre, mean, max(_spread(_residuals(ends, centre, start)[0]), LEAST_SIGMA))
-    starts = _starts(start, free, static)
-    found = sorted((problem.solved(one, wide) for one in starts), key=lambda one: one.cost)[:MOST_KEPT]
-    problem = replace(problem, scale=max(_spread(_residuals(ends, centre, found[0].correction)[0]), LEAST_SIGMA))
+    least_sigma = limits.adjustment_least_sigma
+    scale = max(_spread(_residuals(ends, centre, start)[0]), least_sigma)
+    problem = _Problem(ends, free, centre, mean, scale, limits)
+    starts = _starts(start, free, static, limits)
+    found = sorted((problem.solved(one, wide) for one in starts), key=lambda one: one.cost)[: limits.adjustment_kept]
+    problem = replace(problem, scale=max(_spread(_residuals(ends, centre, found[0].correction)[0]), least_sigma))
     found = [problem.solved(one.correction, wide) for one in found]
     best = min(found, key=lambda one: one.cost)
     begin = [start, *(one.correction for one in found)]
     held = [min(problem.solved(one, sigmas).misfit for one in begin) for sigmas in (level, exact)]
-    sigma = np.sqrt(CORRELATION * np.diag(best.covariance)).reshape(k, TERMS)
+    correlation = limits.adjustment_correlation
+    sigma = np.sqrt(correlation * np.diag(best.covariance)).reshape(k, TERMS)
     verdicts = registration.ranges
-    doubt = CORRELATION * (1.0 + REJECTED * (1.0 - verdicts.used.sum() / verdicts.usable.sum()))
+    rejected = 1.0 - verdicts.used.sum() / verdicts.usable.sum()
+    doubt = correlation * (1.0 + limits.adjustment_rejected * rejected)
     there = count > 0
     height = origin + best.correction[:, Z]
     c = best.correction
@@ -130,7 +109,11 @@ def adjusted(recording: Recording, registration: Registration) -> Adjustment | N
         float((c[ends.i, BIAS] + c[ends.j, BIAS]).mean()),
         (held[0] - best.misfit) / doubt,
         (held[1] - best.misfit) / doubt,
-        any(one.cost - best.cost < 3.0 * CORRELATION and _mirrored(one.correction, c, origin, free) for one in found),
+        any(
+            one.cost - best.cost < limits.mirror_evidence * correlation
+            and _mirrored(one.correction, c, origin, free, limits.mirror_share)
+            for one in found
+        ),
     )
 
 
@@ -169,15 +152,17 @@ class _Problem:
     """(k, 6) of the priors."""
     scale: float
     """m, 1 sigma of a range."""
+    limits: DiagnosisParameters
 
     def solved(self, c: Array, sigmas: Array) -> _Solved:
         """The minimum near corrections c (k, 6), with priors of these sigmas (k, 6)."""
         e, k, n = self.ends, len(c), len(self.ends.i)
+        soft = self.limits.soft_sigmas * self.scale
         rows, where = np.arange(n), np.flatnonzero(self.free.ravel())
         weight_of_prior = 1.0 / sigmas.ravel()[where] ** 2
         mean = self.mean.ravel()[where]
         normal = np.diag(weight_of_prior)
-        for _ in range(STEPS):
+        for _ in range(self.limits.adjustment_steps):
             residual, along, arm_i, arm_j = _residuals(e, self.centre, c)
             jacobian = np.zeros((n, k, TERMS))
             jacobian[rows, e.i, :3] += along
@@ -189,7 +174,7 @@ class _Problem:
             jacobian[rows, e.i, BIAS] += 1.0
             jacobian[rows, e.j, BIAS] += 1.0
             a = jacobian.reshape(n, TERMS * k)[:, where]
-            weighted = a / (self.scale**2 * (1.0 + (residual / (SOFT * self.scale)) ** 2))[:, None]
+            weighted = a / (self.scale**2 * (1.0 + (residual / soft) ** 2))[:, None]
             normal = weighted.T @ a + np.diag(weight_of_prior)
             now = c.ravel()[where]
             step = np.linalg.solve(normal, weighted.T @ residual + weight_of_prior * (mean - now))
@@ -200,8 +185,8 @@ class _Problem:
                 break
         covariance = np.zeros((TERMS * k, TERMS * k))
         covariance[np.ix_(where, where)] = np.linalg.inv(normal)
-        z = _residuals(e, self.centre, c)[0] / (SOFT * self.scale)
-        misfit = float(0.5 * SOFT**2 * np.log1p(z**2).sum())
+        z = _residuals(e, self.centre, c)[0] / soft
+        misfit = float(0.5 * self.limits.soft_sigmas**2 * np.log1p(z**2).sum())
         away = (c.ravel()[where] - mean) ** 2 * weight_of_prior
         return _Solved(c, covariance, misfit, misfit + 0.5 * float(away.sum()))
 
@@ -217,32 +202,33 @@ def _residuals(e: _Ends, centre: Array, c: Array) -> tuple[Array, Array, Array, 
     return e.distance - distance - c[e.i, BIAS] - c[e.j, BIAS], along, arm_i, arm_j
 
 
-def _starts(start: Array, free: Mask, static: Mask) -> list[Array]:
+def _starts(start: Array, free: Mask, static: Mask, limits: DiagnosisParameters) -> list[Array]:
     """The solution, the same with one origin higher or lower, and with longer or shorter ranges."""
     starts = [start]
     for u in np.flatnonzero(~static & free[:, BIAS]).tolist():
-        for height in HEIGHTS:
+        for height in limits.adjustment_heights:
             tried = start.copy()
             if free[u, Z]:
                 tried[u, Z] += height
             else:
                 tried[free[:, Z], Z] -= height
             starts.append(tried)
-    for bias in BIASES:
+    for bias in limits.adjustment_biases:
         tried = start.copy()
         tried[free[:, BIAS], BIAS] = bias
         starts.append(tried)
     return starts
 
 
-def _ends(recording: Recording, registration: Registration) -> _Ends:
+def _ends(recording: Recording, registration: Registration, parameters: Parameters) -> _Ends:
     """Both ends of the ranges that the solution uses, evenly chosen, in the common frame."""
     tracks = registration.tracks(recording)
     usable = np.flatnonzero(registration.ranges.used)
-    if len(usable) > MOST_RANGES:
-        usable = usable[np.linspace(0, len(usable) - 1, MOST_RANGES).astype(int)]
+    most = parameters.diagnosis.adjustment_most_ranges
+    if len(usable) > most:
+        usable = usable[np.linspace(0, len(usable) - 1, most).astype(int)]
     r = recording.ranges.select(usable)
-    longest_gap = Parameters().slam.longest_pose_gap
+    longest_gap = parameters.slam.longest_pose_gap
     common = replace(recording, tracks={n: tracks.get(n, track) for n, track in recording.tracks.items()})
     place, known = np.zeros((2, len(r), 3)), np.ones(len(r), dtype=bool)
     for u, user in enumerate(recording.users):
@@ -260,12 +246,12 @@ def _ends(recording: Recording, registration: Registration) -> _Ends:
     return _Ends(r.a[known], r.b[known], place[0][known], place[1][known], r.distance[known])
 
 
-def _mirrored(one: Array, best: Array, origin: Array, free: Mask) -> bool:
-    """Whether the largest height of the best lies on the other side of 0 in the other."""
+def _mirrored(one: Array, best: Array, origin: Array, free: Mask, share: float) -> bool:
+    """Whether the largest height of the best lies on the other side of 0 in `one`, at least this share as far."""
     heights = np.where(free[:, Z], origin + best[:, Z], 0.0)
     u = int(np.argmax(np.abs(heights)))
     other = origin[u] + one[u, Z]
-    return bool(other * heights[u] < 0.0 and abs(other) > 0.5 * abs(heights[u]))
+    return bool(other * heights[u] < 0.0 and abs(other) > share * abs(heights[u]))
 
 
 def _turned(arm: Array, yaw: Array) -> Array:

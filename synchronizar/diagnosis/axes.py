@@ -23,25 +23,12 @@ from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.geometry import Up
+from synchronizar.parameters import DiagnosisParameters, Parameters
 from synchronizar.quaternions import rotate_by_quaternions
 
 Order = Literal["xyzw", "wxyz"]
 OWN_AXES = {"z": "xyz", "y": "zxy"}
 """Which axes of a track's file the three axes in memory are, where `up` is z and where it is y."""
-VERTICAL, OTHERS = 0.8, 0.65
-"""Concentrations: of the vertical at least, of the other axes at most."""
-FLAT, WIDE_M = 0.2, 0.5
-"""A walk is flat across an axis along which it spreads by less than this share of both others, and these by 0.5 m."""
-LOWER = 0.4
-"""Of two axes the one along which a walk spreads by less than this share of the other is more likely vertical."""
-FORWARD, ASTRAY = 0.8, 0.45
-"""Concentrations of the direction of motion in body axes: of a device that is carried forwards, and of any other."""
-SPEED_STEP_S = 0.5
-SLOW = 0.3
-"""m/s: slower motion has no direction to speak of."""
-FEWEST_DIRECTIONS = 20
-MOST_DIRECTIONS = 1000
-FEWEST_POSES = 20
 
 
 @dataclass(frozen=True)
@@ -54,29 +41,29 @@ class Posture:
     """(3, 3) unit vectors: where each axis of the frame lies in body axes on average."""
     forward: Array
     """(3,) the mean direction of motion in body axes; its length is its concentration. NaN where it hardly moves."""
-
-    @property
-    def vertical(self) -> int | None:
-        """The axis about which the device turns; None where it does not turn enough to tell."""
-        axis = int(np.argmax(self.concentration))
-        others = np.delete(self.concentration, axis)
-        return axis if self.concentration[axis] > VERTICAL and others.max() < OTHERS else None
+    vertical: int | None
+    """The axis about which the device turns; None where it does not turn enough to tell."""
 
 
-def posture(track: Track, order: Order) -> Posture:
+def posture(track: Track, order: Order, parameters: Parameters) -> Posture:
     """The posture of a track whose quaternions are taken to be written in that order."""
     columns = [0, 1, 2, 3] if order == "xyzw" else [1, 2, 3, 0]
     q = track.quat_xyzw[:, columns]
     mean = _mean_rotation(q)
     concentration = np.linalg.norm(mean, axis=1)
     in_body = mean / np.maximum(concentration, 1e-12)[:, None]
-    return Posture(concentration, in_body, _forward(track, q))
+    return Posture(
+        concentration,
+        in_body,
+        _forward(track, q, parameters.diagnosis),
+        _vertical(concentration, parameters.diagnosis),
+    )
 
 
-def axis_findings(recording: Recording, signs: Mapping[str, Sign]) -> list[Finding]:
+def axis_findings(recording: Recording, signs: Mapping[str, Sign], parameters: Parameters) -> list[Finding]:
     """Of each track whose vertical is not z, or whose quaternions are written as w x y z."""
     return [
-        _finding(name, recording.tracks[name], sign, recording.users[recording.index(name)].up)
+        _finding(name, recording.tracks[name], sign, recording.users[recording.index(name)].up, parameters)
         for name, sign in signs.items()
     ]
 
@@ -90,9 +77,9 @@ def with_z_up(recording: Recording, signs: Mapping[str, Sign]) -> Recording:
     return replace(recording, tracks=tracks)
 
 
-def signs_of(recording: Recording) -> dict[str, Sign]:
+def signs_of(recording: Recording, parameters: Parameters) -> dict[str, Sign]:
     """Of each track with whose axes or attitudes something is likely wrong."""
-    signs = {name: sign_of(track) for name, track in recording.tracks.items()}
+    signs = {name: sign_of(track, parameters) for name, track in recording.tracks.items()}
     return {name: sign for name, sign in signs.items() if sign is not None}
 
 
@@ -104,79 +91,85 @@ class Sign(NamedTuple):
     """The axis of the positions that is likely vertical."""
 
 
-def sign_of(track: Track) -> Sign | None:
+def sign_of(track: Track, parameters: Parameters) -> Sign | None:
     """What is likely wrong with a track's axes or attitudes; None where nothing plain speaks against them."""
-    if len(track) < FEWEST_POSES:
+    limits = parameters.diagnosis
+    if len(track) < limits.axes_fewest_poses:
         return None
-    as_read, reordered = posture(track, "xyzw"), posture(track, "wxyz")
+    as_read, reordered = posture(track, "xyzw", parameters), posture(track, "wxyz", parameters)
     spread = track.position.std(axis=0)
-    flat = _flat(spread)
+    flat = _flat(spread, limits)
     vertical = as_read.vertical
     if vertical == 2:
-        return Sign(Code.QUATERNION_ORDER, 2) if flat in (None, 2) and _carried_better(as_read, reordered) else None
+        reads_better = flat in (None, 2) and _carried_better(as_read, reordered, limits)
+        return Sign(Code.QUATERNION_ORDER, 2) if reads_better else None
     if vertical is None:
-        still = as_read.concentration.min() > VERTICAL
-        return _other_up(as_read, flat) if flat in (0, 1) and still else None
-    if reordered.vertical == 2 and flat != vertical and not spread[vertical] < LOWER * spread[2]:
+        still = as_read.concentration.min() > limits.vertical_concentration
+        return _other_up(as_read, flat, limits) if flat in (0, 1) and still else None
+    if reordered.vertical == 2 and flat != vertical and not spread[vertical] < limits.lower_share * spread[2]:
         # No format has x up; y up is common, so that the positions have to speak against it.
-        if vertical == 0 or flat == 2 or spread[2] < LOWER * spread[vertical]:
+        if vertical == 0 or flat == 2 or spread[2] < limits.lower_share * spread[vertical]:
             return Sign(Code.QUATERNION_ORDER, 2)
         return None
-    return _other_up(as_read, vertical) if flat in (None, vertical) else None
+    return _other_up(as_read, vertical, limits) if flat in (None, vertical) else None
 
 
-def _carried_better(as_read: Posture, reordered: Posture) -> bool:
+def _carried_better(as_read: Posture, reordered: Posture, limits: DiagnosisParameters) -> bool:
     """Whether the device is carried forwards in the other order, and in all directions as it is read."""
-    upright = bool(reordered.concentration[2] > VERTICAL)
-    return upright and _length(as_read.forward) < ASTRAY and _length(reordered.forward) > FORWARD
+    upright = bool(reordered.concentration[2] > limits.vertical_concentration)
+    astray = _length(as_read.forward) < limits.astray_concentration
+    return upright and astray and _length(reordered.forward) > limits.carried_concentration
 
 
-def _other_up(as_read: Posture, axis: int) -> Sign:
-    return Sign(Code.OPTICAL_AXES if axis == 1 and _points_down(as_read) else Code.UP_AXIS, axis)
+def _other_up(as_read: Posture, axis: int, limits: DiagnosisParameters) -> Sign:
+    return Sign(Code.OPTICAL_AXES if axis == 1 and _points_down(as_read, limits) else Code.UP_AXIS, axis)
 
 
-def _points_down(posture: Posture) -> bool:
+def _points_down(posture: Posture, limits: DiagnosisParameters) -> bool:
     """Whether a vertical y points down, by the body axes that are in use and by where the device is carried.
 
     Cameras: x right, y down, z forward. Robots: x forward, z up. Graphics (ARKit, OpenXR): y up, z backward.
     """
     up, forward = posture.in_body[1], posture.forward
-    if not _length(forward) > FORWARD:
+    if not _length(forward) > limits.carried_concentration:
         return False
     ahead = int(np.argmax(np.abs(forward)))
     if ahead == 2 and forward[2] > 0.0:
-        return bool(up[1] > -0.5)
-    return bool(ahead == 0 and forward[0] > 0.0 and up[2] < -0.5)
+        return bool(up[1] > limits.upside_down)
+    return bool(ahead == 0 and forward[0] > 0.0 and up[2] < limits.upside_down)
 
 
-def _finding(name: str, track: Track, sign: Sign, up: Up) -> Finding:
-    as_read, reordered = posture(track, "xyzw"), posture(track, "wxyz")
+def _finding(name: str, track: Track, sign: Sign, up: Up, parameters: Parameters) -> Finding:
+    as_read, reordered = posture(track, "xyzw", parameters), posture(track, "wxyz", parameters)
     spread = track.position.std(axis=0)
     if sign.code is Code.QUATERNION_ORDER:
         seen = (
-            f"as w x y z its attitudes turn about the vertical (concentration {reordered.concentration[2]:.2f}), as "
-            f"x y z w not (z {as_read.concentration[2]:.2f})"
+            f"read so, the device stays upright as it turns ({reordered.concentration[2]:.2f} of 1), read as x y z w "
+            f"it does not ({as_read.concentration[2]:.2f} of 1)"
             if as_read.vertical != 2
-            else f"as w x y z the device is carried forwards (concentration {_length(reordered.forward):.2f}), as "
-            f"x y z w in all directions ({_length(as_read.forward):.2f})"
+            else f"read so, the device faces where it goes ({_length(reordered.forward):.2f} of 1), read as x y z w it "
+            f"does not ({_length(as_read.forward):.2f} of 1)"
         )
         return Finding(
-            sign.code, name, f"its quaternions are likely written as w x y z: {seen}", "write them as qx qy qz qw"
+            sign.code,
+            name,
+            f"its quaternions are likely in the order w x y z: {seen}",
+            "write them in the order qx qy qz qw",
         )
     letter, taken = OWN_AXES[up][sign.vertical], OWN_AXES[up][2]
     turns = (
-        f"it turns about it (concentration {as_read.concentration[sign.vertical]:.2f}, {taken} "
+        f"the device turns about {letter} ({as_read.concentration[sign.vertical]:.2f} of 1, about {taken} "
         f"{as_read.concentration[2]:.2f}) and "
         if as_read.vertical == sign.vertical
         else ""
     )
     seen = (
-        f"its {letter} axis is likely vertical, not {taken}: {turns}its places spread by "
-        f"{spread[sign.vertical]:.2f} m along it, by {spread[2]:.2f} m along {taken}"
+        f"its {letter} axis is likely vertical, not {taken}: {turns}its positions spread by "
+        f"{spread[sign.vertical]:.2f} m along {letter} and {spread[2]:.2f} m along {taken}"
     )
     if sign.code is Code.OPTICAL_AXES and up == "z":
         remedy = "turn its track from a camera's axes (x right, y down, z forward): x = z, y = -x, z = -y"
-        return Finding(sign.code, name, f"{seen}; it points down, as a camera's does", remedy)
+        return Finding(sign.code, name, f"{seen}, and {letter} points down as in a camera's axes", remedy)
     return Finding(sign.code, name, seen, _remedy(name, letter))
 
 
@@ -184,17 +177,24 @@ def _remedy(name: str, vertical: str) -> str:
     """What to say in recording.toml; what it cannot say has to be done to the track."""
     if vertical == "x":
         return "turn its track so that z points up"
-    return f'say `up = "{vertical}"` in recording.toml, at the top or under [users.{name}]'
+    return f'write `up = "{vertical}"` in recording.toml, at the top or under [users.{name}]'
 
 
 def _length(vector: Array) -> float:
     return float(np.linalg.norm(vector))
 
 
-def _flat(spread: Array) -> int | None:
+def _vertical(concentration: Array, limits: DiagnosisParameters) -> int | None:
+    axis = int(np.argmax(concentration))
+    others = np.delete(concentration, axis)
+    turns = concentration[axis] > limits.vertical_concentration and others.max() < limits.horizontal_concentration
+    return axis if turns else None
+
+
+def _flat(spread: Array, limits: DiagnosisParameters) -> int | None:
     axis = int(np.argmin(spread))
     others = np.delete(spread, axis)
-    return axis if others.min() > WIDE_M and spread[axis] < FLAT * others.min() else None
+    return axis if others.min() > limits.flat_least_spread and spread[axis] < limits.flat_share * others.min() else None
 
 
 def _mean_rotation(q: Array) -> Array:
@@ -210,17 +210,17 @@ def _mean_rotation(q: Array) -> Array:
     )
 
 
-def _forward(track: Track, q: Array) -> Array:
+def _forward(track: Track, q: Array, limits: DiagnosisParameters) -> Array:
     """(3,) the mean unit direction of motion in body axes; NaN where there is too little motion."""
-    begin = np.linspace(0, len(track) - 1, min(len(track), MOST_DIRECTIONS)).astype(int)
-    end = np.searchsorted(track.t, track.t[begin] + SPEED_STEP_S)
+    begin = np.linspace(0, len(track) - 1, min(len(track), limits.direction_most)).astype(int)
+    end = np.searchsorted(track.t, track.t[begin] + limits.direction_interval)
     inside = end < len(track)
     begin, end = begin[inside], end[inside]
     dt = track.t[end] - track.t[begin]
     way = track.position[end] - track.position[begin]
     length = np.linalg.norm(way, axis=1)
-    moving = (length > SLOW * dt) & (dt < 2.0 * SPEED_STEP_S)
-    if moving.sum() < FEWEST_DIRECTIONS:
+    moving = (length > limits.direction_speed * dt) & (dt < 2.0 * limits.direction_interval)
+    if moving.sum() < limits.direction_fewest:
         return np.full(3, np.nan)
     middle = ((begin + end) // 2)[moving]
     unturned = q[middle] * np.array([-1.0, -1.0, -1.0, 1.0])

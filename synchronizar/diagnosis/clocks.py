@@ -7,18 +7,15 @@ import numpy as np
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.diagnosis.stamps import duration
-
-CLOCK_S = 2 * 86400.0
-"""s: clocks that count from the same moment are set wrongly by time zones or a day; what is farther apart is counted
-from another moment."""
+from synchronizar.parameters import Parameters
 
 
-def time_overlap_findings(recording: Recording) -> list[Finding]:
+def time_overlap_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each user none of whose ranges falls within its track; both spans are reported.
 
     Where both could be by the same clock, set wrongly, a second finding says by how much.
     """
-    ranges = recording.ranges
+    ranges, limits = recording.ranges, parameters.diagnosis
     found = []
     for u, user in enumerate(recording.users):
         if user.static:
@@ -30,24 +27,25 @@ def time_overlap_findings(recording: Recording) -> list[Finding]:
             continue
         first, last = float(own.min()), float(own.max())
         apart = first - end if first > end else begin - last
-        spans = f"its track is {begin:.3f} to {end:.3f}, its ranges are {first:.3f} to {last:.3f}"
+        epochs_differ = (abs(begin) > limits.epoch[0]) != (abs(first) > limits.epoch[0])
+        spans = f"the track runs from {begin:.3f} s to {end:.3f} s, its ranges from {first:.3f} s to {last:.3f} s"
         found.append(
             Finding(
                 Code.TIME_OVERLAP,
                 user.name,
-                f"no range falls within its track, they are {duration(apart)} apart: {spans}",
-                "stamp tracks and ranges by one clock, or add the difference to the stamps of its track"
-                + (" (one counts from 1970 and the other not)" if _epochs_differ(begin, first) else ""),
+                f"no range falls within the time of its track: {spans} ({duration(apart)} apart)",
+                "stamp the track and the ranges by the same clock"
+                + (" (one counts from 1970, the other from another moment)" if epochs_differ else ""),
             )
         )
         offset = begin - first
-        if abs(offset) < CLOCK_S and not _epochs_differ(begin, first):
+        if abs(offset) < limits.largest_clock_error and not epochs_differ:
             found.append(
                 Finding(
                     Code.CLOCK,
                     user.name,
                     f"its clock is likely {duration(offset)} {'ahead of' if offset > 0 else 'behind'} that of the "
-                    f"ranges: {spans}{_time_zone(offset)}",
+                    f"ranges: {spans}{_time_zone(offset, limits.time_zone_tolerance)}",
                     f"{'subtract' if offset > 0 else 'add'} about {abs(offset):.1f} s {'from' if offset > 0 else 'to'} "
                     "the stamps of its track",
                 )
@@ -55,11 +53,6 @@ def time_overlap_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def _epochs_differ(a: float, b: float) -> bool:
-    """Whether one of the two is counted from 1970, and the other is not."""
-    return (abs(a) > 1e9) != (abs(b) > 1e9)
-
-
-def _time_zone(offset: float) -> str:
-    hours = offset / 3600.0
-    return " (full hours: a time zone)" if abs(hours) > 0.9 and abs(hours - np.round(hours)) < 0.02 else ""
+def _time_zone(offset: float, tolerance: float) -> str:
+    hours = float(np.round(offset / 3600.0))
+    return " (full hours: a time zone)" if hours != 0.0 and abs(offset - 3600.0 * hours) < tolerance else ""

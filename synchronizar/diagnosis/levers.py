@@ -9,42 +9,38 @@ import numpy as np
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
-from synchronizar.diagnosis.axes import FORWARD, posture
+from synchronizar.diagnosis.axes import posture
 from synchronizar.diagnosis.pair_fits import Groups, fit_pairs
-
-LONG_M = 0.1
-"""A shorter arm makes no difference that ranges show."""
-BETTER = 0.8
-"""So much of the misfit is left with the arms in a camera's axes, on average,"""
-NO_WORSE = 1.15
-"""and in no stretch more than this."""
-FEWEST_GROUPS = 2
+from synchronizar.parameters import Parameters
 
 
-def lever_findings(recording: Recording, groups: Groups) -> list[Finding]:
+def lever_findings(recording: Recording, groups: Groups, parameters: Parameters) -> list[Finding]:
     """Of each device that is carried along its z axis and whose ranges fit better with its arms turned to that."""
+    limits = parameters.diagnosis
     meant = {
         u: _in_camera_axes(user)
         for u, user in enumerate(recording.users)
-        if not user.static and _long(user) and _carried_along_z(recording, user)
+        if not user.static and _longest(user) > limits.lever_least and _carried_along_z(recording, user, parameters)
     }
     affected = np.isin(groups.users, list(meant)).any(axis=1)
-    if affected.sum() < FEWEST_GROUPS:
+    if affected.sum() < limits.fewest_stretches:
         return []
     of = Groups(groups.users[affected], groups.row[affected], groups.there[affected])
     turned = replace(recording, users=tuple(meant.get(u, user) for u, user in enumerate(recording.users)))
-    before, after = (fit_pairs(one, of, free=False).spread for one in (recording, turned))
+    before, after = (fit_pairs(one, of, parameters, free=False).spread for one in (recording, turned))
     share = after / np.maximum(before, 1e-9)
     share, before, after = (x[np.isfinite(share)] for x in (share, before, after))
-    if len(share) < FEWEST_GROUPS or share.max() > NO_WORSE or np.exp(np.log(share).mean()) > BETTER:
+    if len(share) < limits.fewest_stretches or share.max() > limits.lever_worse:
+        return []
+    if np.exp(np.log(share).mean()) > limits.lever_left:
         return []
     return [
         Finding(
             Code.OPTICAL_AXES,
             user.name,
             "its antennas are likely given in a robot's axes (x forward, y left, z up) and its attitudes in a camera's "
-            f"(x right, y down, z forward): its ranges fit to {np.median(after):.2f} m with the arms turned, to "
-            f"{np.median(before):.2f} m as they are",
+            f"(x right, y down, z forward): its ranges fit to {np.median(after):.2f} m with the arms turned, otherwise "
+            f"to {np.median(before):.2f} m",
             "turn its lever arms in recording.toml: [x, y, z] becomes [-y, -z, x]",
         )
         for user in meant.values()
@@ -55,10 +51,11 @@ def _in_camera_axes(user: User) -> User:
     return replace(user, antennas={name: (-y, -z, x) for name, (x, y, z) in user.antennas.items()})
 
 
-def _long(user: User) -> bool:
-    return bool(np.linalg.norm(user.levers, axis=1).max() > LONG_M)
+def _longest(user: User) -> float:
+    """m, of its lever arms."""
+    return float(np.linalg.norm(user.levers, axis=1).max())
 
 
-def _carried_along_z(recording: Recording, user: User) -> bool:
-    forward = posture(recording.tracks[user.name], "xyzw").forward
-    return bool(forward[2] > FORWARD)
+def _carried_along_z(recording: Recording, user: User, parameters: Parameters) -> bool:
+    forward = posture(recording.tracks[user.name], "xyzw", parameters).forward
+    return bool(forward[2] > parameters.diagnosis.carried_concentration)

@@ -18,19 +18,10 @@ import numpy as np
 
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.recording import Recording
-from synchronizar.parameters import Parameters
+from synchronizar.parameters import DiagnosisParameters, Parameters
 
-WINDOW_S = 30.0
-MOST_ROWS = 96
-MOST_GROUPS = 64
-FEWEST_ROWS = 30
 TERMS = 12
-PASSES = 5
-"""Of reweighting: ranges without line of sight lose their say."""
-CORRELATION = 3.0
-"""By how much errors that hang together (multipath) widen a variance."""
-NEAR_SHARE = 0.25
-"""An error of d is one of d^2 / (2 d); distances below this share of the median count as that."""
+"""Unknowns of a fit."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +51,12 @@ class PairFits:
     """(g,) robust 1 sigma of the residuals, as errors of d in the ranges' unit."""
 
 
-def groups_of(recording: Recording) -> Groups:
+def groups_of(recording: Recording, parameters: Parameters) -> Groups:
     """Stretches of half a minute, evenly chosen where there are many; none between two radios that stand still."""
-    r = recording.ranges
+    r, limits = recording.ranges, parameters.diagnosis
     static = np.array([user.static for user in recording.users], dtype=bool)
     usable = np.isfinite(r.distance)
-    usable[usable] &= np.abs(r.distance[usable]) < 1e6
+    usable[usable] &= np.abs(r.distance[usable]) < 1e3 * parameters.ranges.longest  # they may be millimetres
     usable &= ~(static[r.a] & static[r.b])
     for u, user in enumerate(recording.users):
         if not user.static:
@@ -76,16 +67,17 @@ def groups_of(recording: Recording) -> Groups:
         nothing = np.zeros((0, 1), dtype=np.int32)
         return Groups(np.zeros((0, 2), dtype=np.int32), nothing, nothing.astype(bool))
     i, j = np.minimum(r.a, r.b)[rows].astype(np.int64), np.maximum(r.a, r.b)[rows].astype(np.int64)
-    window = np.floor((r.t[rows] - r.t[rows].min()) / WINDOW_S)
+    window = np.floor((r.t[rows] - r.t[rows].min()) / limits.stretch)
     order = np.lexsort((r.t[rows], window, j, i))
     key = np.column_stack([i, j, window.astype(np.int64)])[order]
     begin = np.flatnonzero(np.concatenate([[True], np.diff(key, axis=0).any(axis=1)]))
     count = np.diff(np.append(begin, len(order)))
-    begin, count = begin[count >= FEWEST_ROWS], count[count >= FEWEST_ROWS]
-    if len(begin) > MOST_GROUPS:
-        chosen = np.linspace(0, len(begin) - 1, MOST_GROUPS).astype(int)
+    enough = count >= limits.stretch_fewest_ranges
+    begin, count = begin[enough], count[enough]
+    if len(begin) > limits.most_stretches:
+        chosen = np.linspace(0, len(begin) - 1, limits.most_stretches).astype(int)
         begin, count = begin[chosen], count[chosen]
-    m = min(MOST_ROWS, int(count.max(initial=1)))
+    m = min(limits.stretch_most_ranges, int(count.max(initial=1)))
     place = np.arange(m)
     # All of a short stretch, evenly chosen ones of a long one.
     step = np.where(count[:, None] > m, (place * (count[:, None] - 1)) // max(m - 1, 1), place)
@@ -96,7 +88,11 @@ def groups_of(recording: Recording) -> Groups:
 
 
 def fit_pairs(
-    recording: Recording, groups: Groups, free: Mask | bool = True, swapped: tuple[int, int] | None = None
+    recording: Recording,
+    groups: Groups,
+    parameters: Parameters,
+    free: Mask | bool = True,
+    swapped: tuple[int, int] | None = None,
 ) -> PairFits:
     """The fits to all stretches.
 
@@ -110,7 +106,7 @@ def fit_pairs(
     own = [recording.users[u].static for u in range(len(recording.users))]
     p, known = np.zeros((2, g, m, 3)), groups.there.copy()
     r = recording.ranges
-    gap = Parameters().slam.longest_pose_gap
+    gap = parameters.slam.longest_pose_gap
     for end in (0, 1):
         labelled = np.broadcast_to(groups.users[:, end : end + 1], (g, m))
         who = carrier[labelled]
@@ -124,10 +120,13 @@ def fit_pairs(
             p[end][mine] = place
             known[mine] &= valid
     distance = np.where(known, r.distance[groups.row], 0.0)
-    return _fit(groups, p[0], p[1], distance, known, np.broadcast_to(free, groups.users.shape))
+    free = np.broadcast_to(free, groups.users.shape)
+    return _fit(groups, p[0], p[1], distance, known, free, parameters.diagnosis)
 
 
-def _fit(groups: Groups, p: Array, q: Array, distance: Array, known: Mask, free: Mask) -> PairFits:
+def _fit(
+    groups: Groups, p: Array, q: Array, distance: Array, known: Mask, free: Mask, limits: DiagnosisParameters
+) -> PairFits:
     g, m = known.shape
     count = known.sum(axis=1)
     p, q = (x - (x * known[..., None]).sum(axis=1, keepdims=True) / np.maximum(count, 1)[:, None, None] for x in (p, q))
@@ -146,7 +145,8 @@ def _fit(groups: Groups, p: Array, q: Array, distance: Array, known: Mask, free:
         axis=2,
     )
     typical = np.array([np.median(np.abs(d[k])) if k.any() else 1.0 for d, k in zip(distance, known, strict=True)])
-    half = 0.5 / np.maximum(np.abs(distance), np.maximum(NEAR_SHARE * typical, 1e-9)[:, None])
+    # An error of d is one of d^2 / (2 d).
+    half = 0.5 / np.maximum(np.abs(distance), np.maximum(limits.fit_nearest * typical, 1e-9)[:, None])
     a = columns * (half * known)[..., None]
     y = distance**2 * half * known
     y -= (a[..., :2] * ~free[:, None]).sum(axis=2)
@@ -155,19 +155,20 @@ def _fit(groups: Groups, p: Array, q: Array, distance: Array, known: Mask, free:
     seen = size > 1e-9 * size.max(axis=1, keepdims=True)
     a = np.where(seen[:, None], a / np.where(seen, size, 1.0)[:, None], 0.0)
     weight = known.astype(float)
-    for _ in range(PASSES):
+    for _ in range(limits.fit_passes):
         weighted = np.swapaxes(a * weight[..., None], 1, 2)
         normal = weighted @ a
         normal[:, np.arange(TERMS), np.arange(TERMS)] += np.where(seen, 1e-12, 1.0)
         solution = np.linalg.solve(normal, weighted @ y[..., None])[..., 0]
         residual = y - (a @ solution[..., None])[..., 0]
         spread = _spread(residual, known, seen.sum(axis=1))
-        weight = known / (1.0 + (residual / (2.0 * np.maximum(spread, 1e-12)[:, None])) ** 2)
+        soft = limits.soft_sigmas * np.maximum(spread, 1e-12)[:, None]
+        weight = known / (1.0 + (residual / soft) ** 2)
     variance = np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2)
     scaled = np.where(seen, size, 1.0)
     square = np.where(seen, solution / scaled, np.nan)[:, :2]
-    sigma = np.where(seen, np.sqrt(CORRELATION * variance) * spread[:, None] / scaled, np.nan)[:, :2]
-    few = known.sum(axis=1) < FEWEST_ROWS
+    sigma = np.where(seen, np.sqrt(limits.fit_correlation * variance) * spread[:, None] / scaled, np.nan)[:, :2]
+    few = known.sum(axis=1) < limits.stretch_fewest_ranges
     square[few], sigma[few], spread = np.nan, np.nan, np.where(few, np.nan, spread)
     return PairFits(groups, square, sigma, count.astype(np.int32), spread)
 

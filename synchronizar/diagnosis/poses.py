@@ -14,28 +14,17 @@ from synchronizar.diagnosis.stamps import chosen, duration
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.suspect_poses import frozen_poses, frozen_runs
 
-SPARSE_S = 0.5
-"""s between poses: at 1 m/s^2 a device is 3 cm beside the straight line between two poses then, at 1 s 12 cm."""
-NEVER_MOVES_M = 0.1
-NEVER_TURNS_RAD = 0.05
-"""A device in a hand sways and turns by more."""
-ATTITUDE_NOISE_RAD = 1e-3
-"""No device moves by metres and turns by less than that."""
-MOVES_M = 0.5
-USUAL_INTERVALS = 5.0
-"""A gap is longer than the time between poses by so much."""
 
-
-def pose_gap_findings(recording: Recording) -> list[Finding]:
+def pose_gap_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each track with stretches in which ranges were measured and poses are missing."""
     found = []
-    longest = Parameters().slam.longest_pose_gap
+    longest, limits = parameters.slam.longest_pose_gap, parameters.diagnosis
     for name, track in recording.tracks.items():
         dt = np.diff(track.t)
         usual = float(np.median(dt)) if len(dt) else 0.0
-        if usual > SPARSE_S:
+        if usual > limits.sparse_interval:
             continue
-        wide = np.flatnonzero(dt > max(longest, USUAL_INTERVALS * usual))
+        wide = np.flatnonzero(dt > max(longest, limits.gap_intervals * usual))
         t = own_range_times(recording, name)
         inside = np.searchsorted(t, track.t[wide + 1]) - np.searchsorted(t, track.t[wide], side="right")
         wide, inside = wide[inside > 0], inside[inside > 0]
@@ -48,7 +37,7 @@ def pose_gap_findings(recording: Recording) -> list[Finding]:
                 Code.POSE_GAP,
                 name,
                 f"{stretches} without poses, {duration(float(dt[wide].sum()))} in all, the longest of "
-                f"{duration(float(dt[worst]))} at {track.t[worst]:.3f}: {inside.sum()} of its {len(t)} ranges cannot "
+                f"{duration(float(dt[worst]))} at {track.t[worst]:.3f} s: {inside.sum()} of its {len(t)} ranges cannot "
                 "be used",
                 "look whether SLAM lost tracking there",
             )
@@ -56,11 +45,11 @@ def pose_gap_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def frozen_pose_findings(recording: Recording) -> list[Finding]:
+def frozen_pose_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each track in which a pose is repeated while the device moved on."""
     found = []
     for name, track in recording.tracks.items():
-        runs = frozen_runs(track)
+        runs = frozen_runs(track, parameters)
         if not runs:
             continue
         seconds = sum(float(track.t[run.last] - track.t[run.first]) for run in runs)
@@ -70,50 +59,51 @@ def frozen_pose_findings(recording: Recording) -> list[Finding]:
             Finding(
                 Code.FROZEN_POSES,
                 name,
-                f"the last pose is repeated {times}, {count} poses and {duration(seconds)} in all, first at "
-                f"{track.t[runs[0].first]:.3f}, and then it is somewhere else",
-                "write no pose while SLAM has lost tracking",
+                f"SLAM lost tracking {times}: it repeated one pose and then was somewhere else ({count} poses, "
+                f"{duration(seconds)} in all, first at {track.t[runs[0].first]:.3f} s)",
+                "write no poses while SLAM has lost tracking",
             )
         )
     return found
 
 
-def sparse_pose_findings(recording: Recording) -> list[Finding]:
+def sparse_pose_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each track of a device that moves, with too few poses to tell where it was in between."""
     found = []
-    longest = Parameters().slam.longest_pose_gap
+    longest, limits = parameters.slam.longest_pose_gap, parameters.diagnosis
     for name, track in recording.tracks.items():
-        if len(track) < 2 or track.extent() < MOVES_M:
+        if len(track) < 2 or track.extent() < limits.moving_extent:
             continue
         interval = float(np.median(np.diff(track.t)))
-        if interval <= SPARSE_S:
+        if interval <= limits.sparse_interval:
             continue
-        lost = f"; beyond {longest:g} s between poses its ranges cannot be used" if interval > longest else ""
+        lost = f": ranges between poses more than {longest:g} s apart cannot be used" if interval > longest else ""
         found.append(
             Finding(
                 Code.SPARSE_POSES,
                 name,
-                f"a pose each {interval:.2f} s only{lost}",
+                f"it has only one pose every {interval:.2f} s{lost}",
                 "write the poses at 10 Hz or more",
             )
         )
     return found
 
 
-def never_moves_findings(recording: Recording) -> list[Finding]:
+def never_moves_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each device with a track that stands still: nobody can tell its heading from ranges."""
-    found = []
+    found, limits = [], parameters.diagnosis
     for user in recording.users:
         if user.static or not len(own_range_times(recording, user.name)):
             continue
         track = recording.tracks[user.name]
-        if len(track) < 2 or track.extent() > NEVER_MOVES_M or attitude_span(track) > NEVER_TURNS_RAD:
+        if len(track) < 2 or track.extent() > limits.still_extent or attitude_span(track) > limits.still_turn:
             continue
         remedy = (
-            "where its antennas are anchors in a room, make each a user of its own with `static = true` and its "
-            "`position`; else walk with it"
+            "if its antennas are anchors in a room, make each a user of its own with `static = true`; if it is a "
+            "device that can be carried, walk with it"
             if len(user.antennas) > 1
-            else "where it is a beacon, remove its track and say `static = true` in recording.toml; else walk with it"
+            else "if it is a beacon, remove its track and write `static = true` in recording.toml; if it is a device "
+            "that can be carried, walk with it"
         )
         seen = (
             f"it stands still: its {len(track)} poses lie within {track.extent():.3f} m and "
@@ -123,34 +113,37 @@ def never_moves_findings(recording: Recording) -> list[Finding]:
     return found
 
 
-def attitude_findings(recording: Recording) -> list[Finding]:
+def attitude_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each device that moves and never turns at all."""
-    found = []
+    found, limits = [], parameters.diagnosis
     for user in recording.users:
         if user.static:
             continue
         track = recording.tracks[user.name]
-        if len(track) < 10 or track.extent() < MOVES_M or attitude_span(track) > ATTITUDE_NOISE_RAD:
+        if len(track) < limits.fewest_poses or track.extent() < limits.moving_extent:
             continue
-        what = "identity" if abs(track.quat_xyzw[0, 3]) > 1.0 - 1e-6 else "the same"
+        if attitude_span(track) > limits.attitude_noise:
+            continue
+        what = "the identity" if abs(track.quat_xyzw[0, 3]) > 1.0 - 1e-6 else "the same"
         has = " and it has antennas, whose place depends on it" if user.antennas else ""
         found.append(
             Finding(
                 Code.ATTITUDE_UNKNOWN,
                 user.name,
-                f"its attitude is {what} throughout while it moves over {track.extent():.1f} m: likely not known{has}",
-                "write the attitude that SLAM has"
+                f"its attitude is {what} throughout while it moves over {track.extent():.1f} m, so it was likely never "
+                f"measured{has}",
+                "write the attitude that SLAM estimates"
                 + ("" if not user.antennas else ", or remove its antennas from recording.toml"),
             )
         )
     return found
 
 
-def without_frozen_poses(recording: Recording) -> Recording:
+def without_frozen_poses(recording: Recording, parameters: Parameters) -> Recording:
     """The same recording without the poses that repeat an earlier one while the device moved on."""
     tracks = {}
     for name, track in recording.tracks.items():
-        frozen = frozen_poses(track)
+        frozen = frozen_poses(track, parameters)
         tracks[name] = chosen(track, ~frozen) if frozen.any() else track
     return replace(recording, tracks=tracks)
 

@@ -9,40 +9,32 @@ import numpy as np
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.diagnosis.pair_fits import Groups, PairFits, fit_pairs
-
-MISFIT = 0.2
-"""m: ranges of devices that carry their own radios fit better."""
-BETTER = 0.5
-"""So much of the misfit is left when two radios are exchanged, on average,"""
-NO_WORSE = 1.1
-"""and in no stretch more than this."""
-FEWEST_GROUPS = 2
-MOST_USERS = 12
+from synchronizar.parameters import Parameters
 
 
-def swapped_radio_findings(recording: Recording, in_metres: PairFits) -> list[Finding]:
+def swapped_radio_findings(recording: Recording, in_metres: PairFits, parameters: Parameters) -> list[Finding]:
     """Of the two devices (the finding is the first one's) whose ranges fit far better with their radios exchanged.
 
     By fits with all lengths in metres.
     """
-    groups, spread = in_metres.groups, in_metres.spread
+    groups, spread, limits = in_metres.groups, in_metres.spread, parameters.diagnosis
     users = groups.users
     taking_part = [u for u in np.unique(users).tolist() if not recording.users[u].static]
-    if len(taking_part) > MOST_USERS or not len(users):
+    if len(taking_part) > limits.most_users or not len(users):
         return []
     best: tuple[float, int, int, float, float] | None = None
     for u, v in combinations(taking_part, 2):
         affected = ((users == u).any(axis=1) ^ (users == v).any(axis=1)) & np.isfinite(spread)
         before = float(np.median(spread[affected])) if affected.any() else 0.0
-        if affected.sum() < FEWEST_GROUPS or before < MISFIT:
+        if affected.sum() < limits.fewest_stretches or before < limits.misfit:
             continue
         of = Groups(users[affected], groups.row[affected], groups.there[affected])
-        exchanged = fit_pairs(recording, of, free=False, swapped=(u, v)).spread
+        exchanged = fit_pairs(recording, of, parameters, free=False, swapped=(u, v)).spread
         share = exchanged / np.maximum(spread[affected], 1e-9)
-        if np.isnan(share).any() or share.max() > NO_WORSE:
+        if np.isnan(share).any() or share.max() > limits.swap_worse:
             continue
         left = float(np.exp(np.log(np.maximum(share, 1e-9)).mean()))
-        if left < BETTER and (best is None or left < best[0]):
+        if left < limits.misfit_left and (best is None or left < best[0]):
             best = left, u, v, before, float(np.median(exchanged))
     if best is None:
         return []
@@ -52,8 +44,8 @@ def swapped_radio_findings(recording: Recording, in_metres: PairFits) -> list[Fi
         Finding(
             Code.SWAPPED_RADIOS,
             one,
-            f"{one} and {other} likely carry each other's radio: with the two exchanged their ranges fit to "
-            f"{after:.2f} m, as they are to {before:.2f} m",
-            f"exchange {one} and {other} in ranges.csv",
+            f"{one} and {other} likely carry each other's radio: with the two names exchanged their "
+            f"ranges fit to {after:.2f} m, otherwise to {before:.2f} m",
+            f"exchange the names {one} and {other} in ranges.csv",
         )
     ]

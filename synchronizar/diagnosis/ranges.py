@@ -8,28 +8,23 @@ from synchronizar.arrays import Mask
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
-
-HELD_SHARE = 0.25
-"""Ranges that equal the one before them, beyond what chance and standing still explain."""
-DISTANT_ROWS = 20
-"""So many ranges of a pair apart, equal numbers are chance."""
-FEWEST = 50
+from synchronizar.parameters import DiagnosisParameters, Parameters
 
 
-def repeated_range_findings(recording: Recording) -> list[Finding]:
+def repeated_range_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Ranges that stand in the file more than once, and radios whose last number is written anew at each stamp."""
     r = recording.ranges
     copy = _copies(r)
     seen, remedy = [], "write each measurement once"
     if copy.any():
         seen.append(
-            f"{copy.sum()} of {len(r)} ranges repeat another to the letter (time, devices, distance): they count once"
+            f"{copy.sum()} of {len(r)} ranges are exact copies of another one (time, devices, distance) and count once"
         )
-    share, chance = _held_numbers(r.select(~copy))
-    if share - chance > HELD_SHARE:
+    share, chance = _held_numbers(r.select(~copy), parameters.diagnosis)
+    if share - chance > parameters.diagnosis.repeated_share:
         seen.append(
-            f"{share:.0%} of the ranges have the very number of the one before of their pair (by chance {chance:.0%}): "
-            "likely a radio's last measurement under a new stamp"
+            f"{share:.0%} of the ranges have exactly the value of the one before them of the same pair ({chance:.0%} "
+            f"would by chance): likely old measurements under new stamps"
         )
         remedy += ", with its own stamp"
     return [Finding(Code.REPEATED_RANGES, None, "; ".join(seen), remedy)] if seen else []
@@ -46,7 +41,7 @@ def no_range_findings(recording: Recording) -> list[Finding]:
             Code.NO_RANGES,
             user.name,
             "it has no range with anybody",
-            "look whether its radio was on and whether ranges.csv names it the same way as its track",
+            "check that its radio was on and that ranges.csv calls it by the same name as its track",
         )
         for user, n in zip(recording.users, count.tolist(), strict=True)
         if n == 0
@@ -73,13 +68,15 @@ def _copies(r: Ranges) -> Mask:
     return copy
 
 
-def _held_numbers(r: Ranges) -> tuple[float, float]:
+def _held_numbers(r: Ranges, limits: DiagnosisParameters) -> tuple[float, float]:
     """How many ranges equal the one before of their pair, and how many one of their pair that is not near; shares."""
     order = np.lexsort((r.t, r.antenna_b, r.antenna_a, np.maximum(r.a, r.b), np.minimum(r.a, r.b)))
     a, b, t, distance = (column[order] for column in (np.minimum(r.a, r.b), np.maximum(r.a, r.b), r.t, r.distance))
 
     def equal_share(apart: int) -> float:
         of_one = (a[apart:] == a[:-apart]) & (b[apart:] == b[:-apart]) & (t[apart:] > t[:-apart])
-        return float((distance[apart:] == distance[:-apart])[of_one].mean()) if of_one.sum() >= FEWEST else 0.0
+        if of_one.sum() < limits.repeated_fewest:
+            return 0.0
+        return float((distance[apart:] == distance[:-apart])[of_one].mean())
 
-    return equal_share(1), equal_share(DISTANT_ROWS)
+    return equal_share(1), equal_share(limits.repeated_rows_apart)

@@ -44,7 +44,7 @@ def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Reg
             cause, of_reference = (_cause(findings, who, CUTS_OFF) for who in (name, reference))
             if cause is not None:
                 user = replace(user, reason=cause.message)
-            elif of_reference is not None:
+            elif of_reference is not None and of_reference.message not in user.reason:
                 user = replace(user, reason=f"{user.reason}, {reference}: {of_reference.message}")
         elif user.state is not State.REGISTERED and (cause := _cause(findings, name, CAUSES)) is not None:
             user = replace(user, reason=cause.message)

@@ -16,19 +16,6 @@ from synchronizar.diagnosis.poses import without_frozen_poses
 from synchronizar.diagnosis.stamps import without_stray_poses
 from synchronizar.parameters import Parameters
 
-AGAINST_HEIGHTS, AGAINST_BIASES = 5.0, 4.0
-"""Log likelihood that heights, or delays, as the priors expect them have to cost."""
-HEIGHT_SIGMAS = 3.0
-"""An origin is too high or too low from so many times its height_sigma on."""
-AGAINST_HEIGHTS_LOST, HEIGHT_SIGMAS_LOST = 3.0, 2.0
-"""The same of a user that is not registered: there it is an explanation."""
-COMMON_BIAS_M = 0.25
-"""m, of both radios together: more than calibrated radios are off."""
-OWN_BIAS_M = 0.25
-"""m: by which a radio differs from the others."""
-OWN_BIAS_SIGMAS = 5.0
-SUSPECT = 0.5
-"""A solution whose users are all registered is adjusted where a height or delay exceeds this share of its limit."""
 CAUSES = frozenset(
     {
         Code.TIME_UNIT,
@@ -44,17 +31,18 @@ CAUSES = frozenset(
 
 
 def findings_of_solution(
-    recording: Recording, registration: Registration, found: Sequence[Finding] = ()
+    recording: Recording, registration: Registration, found: Sequence[Finding], parameters: Parameters
 ) -> list[Finding]:
     """What a solution shows besides what was `found` without it; nothing where that spoils the solution."""
-    if spoils(found) or not _suspect(recording, registration):
+    if spoils(found) or not _suspect(recording, registration, parameters):
         return []
-    if shifted := clock_shift_findings(without_frozen_poses(without_stray_poses(recording))):
+    mended = without_frozen_poses(without_stray_poses(recording, parameters), parameters)
+    if shifted := clock_shift_findings(mended, parameters):
         return shifted
-    adjustment = adjusted(recording, registration)
+    adjustment = adjusted(recording, registration, parameters)
     if adjustment is None:
         return []
-    return [*_heights(recording, registration, adjustment), *_biases(recording, adjustment)]
+    return [*_heights(recording, registration, adjustment, parameters), *_biases(recording, adjustment, parameters)]
 
 
 def spoils(found: Sequence[Finding]) -> bool:
@@ -62,11 +50,13 @@ def spoils(found: Sequence[Finding]) -> bool:
     return any(finding.code in CAUSES for finding in found)
 
 
-def _suspect(recording: Recording, registration: Registration) -> bool:
-    high = SUSPECT * HEIGHT_SIGMAS * Parameters().priors.height_sigma
+def _suspect(recording: Recording, registration: Registration, parameters: Parameters) -> bool:
+    limits = parameters.diagnosis
+    high = limits.suspect_share * limits.height_sigmas * parameters.priors.height_sigma
+    long = limits.suspect_share * 0.5 * limits.largest_common_bias  # a pair has two biases
     for user in recording.users:
         one = registration.users[user.name]
-        if one.state is not State.REGISTERED or abs(one.range_bias) > SUSPECT * 0.5 * COMMON_BIAS_M:
+        if one.state is not State.REGISTERED or abs(one.range_bias) > long:
             return True
         frame = one.common_from_user
         if frame is not None and not user.static and abs(frame.z) > high:
@@ -74,20 +64,23 @@ def _suspect(recording: Recording, registration: Registration) -> bool:
     return False
 
 
-def _heights(recording: Recording, registration: Registration, adjustment: Adjustment) -> list[Finding]:
+def _heights(
+    recording: Recording, registration: Registration, adjustment: Adjustment, parameters: Parameters
+) -> list[Finding]:
     """Of each moving user whose origin is too far above or below the mean of the others', the farthest first.
 
     Whose is reported no longer counts among the others. Of two the one that is not the reference is reported.
     """
     level = [u for u, user in enumerate(recording.users) if not user.static and np.isfinite(adjustment.height[u])]
-    found = []
+    found, limits = [], parameters.diagnosis
     while len(level) > 1:
         away = {u: _above(adjustment, u, [v for v in level if v != u]) for u in level}
         u = max(level, key=lambda v: (abs(away[v][0]), recording.users[v].name != registration.reference))
         user, (height, sigma) = recording.users[u], away[u]
-        allowed = user.height_sigma or Parameters().priors.height_sigma
+        allowed = user.height_sigma or parameters.priors.height_sigma
         registered = registration.users[user.name].state is State.REGISTERED
-        sigmas, least = (HEIGHT_SIGMAS, AGAINST_HEIGHTS) if registered else (HEIGHT_SIGMAS_LOST, AGAINST_HEIGHTS_LOST)
+        sigmas = limits.height_sigmas if registered else limits.height_sigmas_lost
+        least = limits.height_evidence if registered else limits.height_evidence_lost
         if adjustment.against_heights < least or abs(height) - 0.5 * sigma < sigmas * allowed:
             break
         level.remove(u)
@@ -97,10 +90,10 @@ def _heights(recording: Recording, registration: Registration, adjustment: Adjus
             Finding(
                 Code.HEIGHT,
                 user.name,
-                f"its origin would have to lie {abs(height):.1f} m {side} than {than} for its ranges to fit "
-                f"(1 sigma {sigma:.2f} m), its height_sigma is {allowed:g} m",
-                f"say `height_sigma = {ceil(10.0 * abs(height)) / 10.0:.1f}` under [users.{user.name}] in "
-                "recording.toml where that can be",
+                f"its origin would have to lie {abs(height):.1f} m {side} than {than} (1 sigma {sigma:.2f} m) for its "
+                f"ranges to fit, which its height_sigma of {allowed:g} m does not allow",
+                f"if it was started at another height, write `height_sigma = {ceil(10.0 * abs(height)) / 10.0:.1f}` "
+                f"under [users.{user.name}] in recording.toml",
             )
         )
     return found
@@ -113,20 +106,22 @@ def _above(adjustment: Adjustment, u: int, others: list[int]) -> tuple[float, fl
     return height, float(np.hypot(adjustment.height_sigma[u], spread))
 
 
-def _biases(recording: Recording, adjustment: Adjustment) -> list[Finding]:
+def _biases(recording: Recording, adjustment: Adjustment, parameters: Parameters) -> list[Finding]:
     """Of the delay that all ranges have in common (user None), and of each radio that differs from the others."""
-    if adjustment.against_biases < AGAINST_BIASES:
+    limits = parameters.diagnosis
+    if adjustment.against_biases < limits.bias_evidence:
         return []
     found = []
     mean = adjustment.mean_bias
-    if abs(mean) > COMMON_BIAS_M:
+    if abs(mean) > limits.largest_common_bias:
         found.append(
             Finding(
                 Code.RANGE_BIAS,
                 None,
-                f"ranges are likely too {'long' if mean > 0.0 else 'short'} by {abs(mean):.2f} m on average: antenna "
-                "delays",
-                f"calibrate the radios' antenna delays, or {'subtract' if mean > 0.0 else 'add'} {abs(mean):.2f} m",
+                f"ranges are likely too {'long' if mean > 0.0 else 'short'} by {abs(mean):.2f} m on average: the "
+                "radios' antenna delays are likely not calibrated",
+                f"calibrate them, or {'subtract' if mean > 0.0 else 'add'} {abs(mean):.2f} m "
+                f"{'from' if mean > 0.0 else 'to'} the column range",
             )
         )
     there = np.flatnonzero(np.isfinite(adjustment.bias))
@@ -135,14 +130,14 @@ def _biases(recording: Recording, adjustment: Adjustment) -> list[Finding]:
     common = float(np.median(adjustment.bias[there]))
     for u in there.tolist():
         own = float(adjustment.bias[u] - common)
-        if abs(own) > max(OWN_BIAS_M, OWN_BIAS_SIGMAS * float(adjustment.bias_sigma[u])):
+        if abs(own) > max(limits.largest_own_bias, limits.own_bias_sigmas * float(adjustment.bias_sigma[u])):
             name = recording.users[u].name
             found.append(
                 Finding(
                     Code.RANGE_BIAS,
                     name,
                     f"its radio likely makes ranges {abs(own):.2f} m {'longer' if own > 0.0 else 'shorter'} than the "
-                    f"others do (1 sigma {adjustment.bias_sigma[u]:.2f} m)",
+                    f"others' do (1 sigma {adjustment.bias_sigma[u]:.2f} m)",
                     "calibrate its antenna delay",
                 )
             )

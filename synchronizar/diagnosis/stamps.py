@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,29 +11,18 @@ from synchronizar.arrays import Array, Mask
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
+from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.suspect_poses import stray_poses
 
 UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 """How many of each make a second."""
-EPOCH_S = (5e8, 1e10)
-"""s since 1970: from 1985 on; it is 1.8e9, and in milliseconds 1.8e12."""
-FEWEST_POSES = 10
-SLOWEST_POSES_S = 4.0
-"""s between poses: no SLAM is so slow."""
-FASTEST_POSES_S = 5e-4
-SLOWEST_WALK = 0.02
-"""m/s: slower than anybody who moves."""
-COVERED, UNCOVERED = 0.8, 0.2
-"""Shares of the ranges that fall within the time of a track where the unit is right, and where it is wrong."""
-LEAST_EXTENT = 0.1
-"""m: a track that extends less tells nothing of how fast its device moves."""
 
 
-def stray_stamp_findings(recording: Recording) -> list[Finding]:
+def stray_stamp_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each track in which a few poses are stamped far away from all others."""
     found = []
     for name, track in recording.tracks.items():
-        stray = stray_poses(track)
+        stray = stray_poses(track, parameters)
         if not stray.any():
             continue
         t, others = track.t[stray], track.t[~stray]
@@ -42,44 +32,45 @@ def stray_stamp_findings(recording: Recording) -> list[Finding]:
             Finding(
                 Code.STRAY_STAMP,
                 name,
-                f"{which} stamped {duration(float(away))} away from the other {len(others)} (at {t[0]:.3f}; they are "
-                f"at {others[0]:.3f} to {others[-1]:.3f})",
+                f"{which} stamped {duration(float(away))} away from the other {len(others)} (at {t[0]:.3f} s; the "
+                f"others run from {others[0]:.3f} s to {others[-1]:.3f} s)",
                 "remove the line from its track" if len(t) == 1 else "remove these lines from its track",
             )
         )
     return found
 
 
-def time_unit_findings(recording: Recording) -> list[Finding]:
+def time_unit_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each track, and of the ranges (user None), whose stamps are no seconds."""
     found = []
-    for name, unit in track_units(recording).items():
+    for name, unit in track_units(recording, parameters).items():
         t = recording.tracks[name].t
         found.append(
             Finding(
                 Code.TIME_UNIT,
                 name,
-                f"its stamps are likely {unit}: its {len(t)} poses are {np.median(np.diff(t)):.4g} apart and span "
-                f"{t[-1] - t[0]:.6g}",
-                f"divide the stamps of its track by {UNITS[unit]:g}: they are read as seconds",
+                f"its stamps are likely in {unit}: as seconds, its {len(t)} poses would lie "
+                f"{duration(float(np.median(np.diff(t))))} apart and last {duration(float(t[-1] - t[0]))}",
+                f"divide the stamps of its track by {UNITS[unit]:.0f}",
             )
         )
-    if (unit_of_ranges := range_unit(recording)) is not None:
+    if (unit_of_ranges := range_unit(recording, parameters)) is not None:
         t = recording.ranges.t
         found.append(
             Finding(
                 Code.TIME_UNIT,
                 None,
-                f"the stamps of ranges.csv are likely {unit_of_ranges}: {len(t)} ranges span {np.ptp(t):.6g}",
-                f"divide its column t by {UNITS[unit_of_ranges]:g}: stamps are read as seconds",
+                f"the stamps of ranges.csv are likely in {unit_of_ranges}: as seconds, its {len(t)} ranges would last "
+                f"{duration(float(np.ptp(t)))}",
+                f"divide its column t by {UNITS[unit_of_ranges]:.0f}",
             )
         )
     return found
 
 
-def in_seconds(recording: Recording) -> Recording:
+def in_seconds(recording: Recording, parameters: Parameters) -> Recording:
     """The same recording with the stamps that are no seconds divided so that they are."""
-    units, of_ranges = track_units(recording), range_unit(recording)
+    units, of_ranges = track_units(recording, parameters), range_unit(recording, parameters)
     tracks = {
         name: replace(track, t=track.t / UNITS[units[name]]) if name in units else track
         for name, track in recording.tracks.items()
@@ -90,11 +81,25 @@ def in_seconds(recording: Recording) -> Recording:
     return replace(recording, tracks=tracks, ranges=ranges)
 
 
-def without_stray_poses(recording: Recording) -> Recording:
+def without_ranges_of_unknown_time(recording: Recording, found: Sequence[Finding]) -> Recording:
+    """The same recording, with NaN for ranges whose stamps, or whose device's stamps, were `found` to be no seconds.
+
+    Where a device was at such a range is not known; some would else fall on a wrong pose by chance.
+    """
+    wrong = {finding.user for finding in found if finding.code is Code.TIME_UNIT}
+    if not wrong:
+        return recording
+    r = recording.ranges
+    of_user = np.array([user.name in wrong for user in recording.users])
+    unknown = of_user[r.a] | of_user[r.b] | (None in wrong)
+    return replace(recording, ranges=replace(r, distance=np.where(unknown, np.nan, r.distance)))
+
+
+def without_stray_poses(recording: Recording, parameters: Parameters) -> Recording:
     """The same recording without the poses that are stamped far away from all others."""
     tracks = {}
     for name, track in recording.tracks.items():
-        stray = stray_poses(track)
+        stray = stray_poses(track, parameters)
         tracks[name] = chosen(track, ~stray) if stray.any() else track
     return replace(recording, tracks=tracks)
 
@@ -104,33 +109,33 @@ def chosen(track: Track, which: Mask) -> Track:
     return Track(track.t[which], track.position[which], track.quat_xyzw[which])
 
 
-def track_units(recording: Recording) -> dict[str, str]:
+def track_units(recording: Recording, parameters: Parameters) -> dict[str, str]:
     """The unit of each track's stamps, of those alone that are no seconds."""
     units = {}
     for name, track in recording.tracks.items():
-        unit = _unit_by_rate(track) or _unit_by_size(track.t)
+        unit = _unit_by_rate(track, parameters) or _unit_by_size(track.t, parameters)
         if unit is not None:
             units[name] = unit
     return units
 
 
-def range_unit(recording: Recording) -> str | None:
+def range_unit(recording: Recording, parameters: Parameters) -> str | None:
     """The unit of the ranges' stamps; None where they are seconds."""
-    t = recording.ranges.t
+    t, limits = recording.ranges.t, parameters.diagnosis
     if not len(t):
         return None
-    if (by_size := _unit_by_size(t)) is not None:
+    if (by_size := _unit_by_size(t, parameters)) is not None:
         return by_size
-    units = track_units(recording)
+    units = track_units(recording, parameters)
     spans = [
         (track.t[0] / UNITS.get(units.get(name, ""), 1.0), track.t[-1] / UNITS.get(units.get(name, ""), 1.0))
         for name, track in recording.tracks.items()
     ]
-    if not spans or _covered(t, spans) > UNCOVERED or len(t) < 2 or np.median(np.diff(np.sort(t))) == 0.0:
+    if not spans or _covered(t, spans) > limits.covered_wrong or len(t) < 2 or np.median(np.diff(np.sort(t))) == 0.0:
         return None
     for unit, per_second in UNITS.items():
         longest = max(end - begin for begin, end in spans)
-        if _covered(t / per_second, spans) > COVERED and np.ptp(t) > 10.0 * longest:
+        if _covered(t / per_second, spans) > limits.covered_right and np.ptp(t) > limits.span_ratio * longest:
             return unit
     return None
 
@@ -145,24 +150,26 @@ def duration(seconds: float) -> str:
     return f"{size / 86400.0:.1f} days" if size < 3.2e7 else f"{size / 31556952.0:.1f} years"
 
 
-def _unit_by_size(t: Array) -> str | None:
+def _unit_by_size(t: Array, parameters: Parameters) -> str | None:
     """Since 1970, by its size."""
-    middle = float(np.median(t))
-    return next((u for u, per_second in UNITS.items() if EPOCH_S[0] < middle / per_second < EPOCH_S[1]), None)
+    middle, (first, last) = float(np.median(t)), parameters.diagnosis.epoch
+    return next((u for u, per_second in UNITS.items() if first < middle / per_second < last), None)
 
 
-def _unit_by_rate(track: Track) -> str | None:
+def _unit_by_rate(track: Track, parameters: Parameters) -> str | None:
     """Since any other moment, by how slowly poses follow one another and how slowly the device would move."""
-    if len(track) < FEWEST_POSES:
+    limits = parameters.diagnosis
+    if len(track) < limits.fewest_poses:
         return None
     dt = np.diff(track.t)
     interval = float(np.median(dt))
-    if interval < SLOWEST_POSES_S or track.extent() < LEAST_EXTENT:
+    if interval < limits.slowest_rate_interval or track.extent() < limits.still_extent:
         return None
     speed = float(np.median(np.linalg.norm(np.diff(track.position, axis=0), axis=1) / dt))
-    if speed > SLOWEST_WALK:
+    if speed > limits.slowest_walk:
         return None
-    return next((u for u, per_second in UNITS.items() if FASTEST_POSES_S < interval / per_second < 1.0), None)
+    shortest, longest = limits.usual_intervals
+    return next((u for u, per_second in UNITS.items() if shortest < interval / per_second < longest), None)
 
 
 def _covered(t: Array, spans: list[tuple[float, float]]) -> float:

@@ -57,15 +57,19 @@ class Summary:
     usable: int
     no_distance: int
     """Ranges whose number can be no distance, whatever the tracks say."""
+    shortest: float | None
+    """m: the smallest number of all,"""
+    longest: float | None
+    """and the largest."""
     begin: float | None
     """s, the range clock: the first range,"""
     end: float | None
     """and the last."""
 
 
-def summary_of(recording: Recording) -> Summary:
+def summary_of(recording: Recording, parameters: Parameters) -> Summary:
     """What is in a recording, before anything is solved."""
-    r, users, parameters = recording.ranges, recording.users, Parameters()
+    r, users = recording.ranges, recording.users
     finite = np.isfinite(r.distance)
     sensible = finite & (np.where(finite, r.distance, 0.0) >= parameters.ranges.shortest)
     sensible &= np.where(finite, r.distance, 0.0) <= parameters.ranges.longest
@@ -100,6 +104,8 @@ def summary_of(recording: Recording) -> Summary:
         len(r),
         int(usable.sum()),
         int((~sensible).sum()),
+        float(r.distance[finite].min()) if finite.any() else None,
+        float(r.distance[finite].max()) if finite.any() else None,
         float(r.t.min()) if len(r) else None,
         float(r.t.max()) if len(r) else None,
     )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Literal
 
+from synchronizar.data.findings import Code
 from synchronizar.data.recording import Recording
-from synchronizar.data.registration import (
-    Registration,
-)
+from synchronizar.data.registration import Registration
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.reasons import with_reasons
 from synchronizar.diagnosis.solution import findings_of_solution
+from synchronizar.diagnosis.stamps import without_ranges_of_unknown_time
 from synchronizar.errors import InputError
 from synchronizar.estimation.full import register_full
 from synchronizar.estimation.rigid import register_rigid
@@ -33,10 +33,12 @@ def register(
     """
     parameters = parameters or Parameters()
     ref = reference_of(recording, reference, parameters)
-    found = findings_of(recording)
+    found = findings_of(recording, parameters)
+    if any(finding.code is Code.TIME_UNIT and finding.user == recording.users[ref].name for finding in found):
+        model = "rigid"  # drift grows with seconds, and nobody else can be tied to the reference
     solve = register_full if model == "full" else register_rigid
-    registration = solve(recording, ref, parameters, progress or unheard)
-    return with_reasons(registration, [*found, *findings_of_solution(recording, registration, found)])
+    registration = solve(without_ranges_of_unknown_time(recording, found), ref, parameters, progress or unheard)
+    return with_reasons(registration, [*found, *findings_of_solution(recording, registration, found, parameters)])
 
 
 def reference_of(recording: Recording, name: str | None, parameters: Parameters) -> int:

@@ -31,6 +31,8 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array
     1 where ranges carry no information on it: the prior counts as `drift_weight` steps with factor 1.
     """
     users = len(graph.users)
+    if not len(graph.measurements):
+        return np.ones((users, 2))
     middle = _middle(list(graph.keyframe_keys(set())))
     ordinary = [_ordinary(graph, states, u) for u in range(users)]
     weights = [np.where(o, 1.0, w) for o, w in zip(ordinary, em_weights.step_weight, strict=True)]

@@ -60,7 +60,7 @@ def unknown_user_finding(name: str, ranges: int, users: list[str]) -> Finding:
         name,
         f"{ranges} ranges name {name}, which has no track tracks/{name}.tum and no settings",
         _similar(name, users, "in ranges.csv")
-        or f"where it is a radio that stands still, say `static = true` under [users.{name}] in recording.toml",
+        or f"if it is a radio that stands still, write `static = true` under [users.{name}] in recording.toml",
     )
 
 

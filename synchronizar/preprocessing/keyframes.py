@@ -98,6 +98,8 @@ def _keyframe_rows(t: Array, begin: int, end: int, interval: float) -> tuple[Ind
 
     All devices use the same times, up to their clock offsets, so that ranges fall into few blocks.
     """
+    if begin == end:
+        return np.array([begin], dtype=np.int32), t[begin : begin + 1]
     multiples = np.arange(np.ceil(t[begin] / interval), np.floor(t[end] / interval) + 1) * interval
     inner = multiples[(multiples > t[begin] + 0.5 * interval) & (multiples < t[end] - 0.5 * interval)]
     due = np.concatenate([[t[begin]], inner, [t[end]]])

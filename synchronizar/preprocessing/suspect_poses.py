@@ -8,19 +8,7 @@ import numpy as np
 
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.track import Track
-
-FEWEST_POSES = 10
-"""A shorter track has no main part that others could be far from."""
-STRAY_SHARE = 0.02
-"""More poses than this share of all are no stray ones but a part of the walk."""
-STRAY_GAP_S = 10.0
-"""s: stray poses are at least so far from the rest in time, and at least as far as the rest is long."""
-FROZEN_S = 0.5
-"""s: a SLAM that repeats its pose for so long is dead, or its device stands still."""
-FROZEN_JUMP_M = 0.1
-FROZEN_JUMP_RAD = 0.1
-USUAL_STEPS = 5.0
-"""The step that ends a frozen stretch exceeds the 90 % quantile of the others by so much."""
+from synchronizar.parameters import Parameters
 
 
 class FrozenRun(NamedTuple):
@@ -32,19 +20,19 @@ class FrozenRun(NamedTuple):
     """Index of its last repetition."""
 
 
-def stray_poses(track: Track) -> Mask:
+def stray_poses(track: Track, parameters: Parameters) -> Mask:
     """(n,) which poses are stamped far away from all others: a day ahead, or 0 where the rest has seconds since 1970.
 
     Few poses on either side of the longest part of the track, farther from it than it is long.
     """
-    t = track.t
+    t, limits = track.t, parameters.diagnosis
     stray = np.zeros(len(t), dtype=bool)
-    if len(t) < FEWEST_POSES:
+    if len(t) < limits.fewest_poses:
         return stray
-    most = max(3, int(STRAY_SHARE * len(t)))
+    most = max(limits.stray_few, int(limits.stray_share * len(t)))
     gap = np.diff(t)
     # The main part lies between the `most`-th pose from either end: its length is safe from a few strays.
-    length = max(float(t[-1 - most] - t[most]), STRAY_GAP_S)
+    length = max(float(t[-1 - most] - t[most]), limits.stray_gap)
     wide = np.flatnonzero(gap > length)
     before, after = wide[wide < most], wide[wide >= len(t) - 1 - most]
     if len(before):
@@ -54,19 +42,20 @@ def stray_poses(track: Track) -> Mask:
     return stray
 
 
-def frozen_runs(track: Track) -> list[FrozenRun]:
+def frozen_runs(track: Track, parameters: Parameters) -> list[FrozenRun]:
     """Stretches in which the same pose is repeated to the last digit while the device moved on.
 
     The latter shows in the step that ends a stretch: it is longer than any usual one. Where it shows once, the other
     stretches of the track are taken for the same; a device that merely stands still shows it never.
     """
-    if len(track) < FEWEST_POSES:
+    limits = parameters.diagnosis
+    if len(track) < limits.fewest_poses:
         return []
     same: Mask = ~np.asarray(np.diff(np.column_stack([track.position, track.quat_xyzw]), axis=0).any(axis=1))
     if not same.any() or same.all():
         return []
     first, last = _runs(same)
-    long = track.t[last] - track.t[first] >= FROZEN_S
+    long = track.t[last] - track.t[first] >= limits.frozen_duration
     first, last = first[long], last[long]
     ended = last < len(track) - 1
     if not ended.any():
@@ -74,18 +63,17 @@ def frozen_runs(track: Track) -> list[FrozenRun]:
     step = np.linalg.norm(np.diff(track.position, axis=0), axis=1)
     turn = 2.0 * np.arccos(np.clip(np.abs(np.sum(track.quat_xyzw[1:] * track.quat_xyzw[:-1], axis=1)), 0.0, 1.0))
     at = last[ended]
-    jumped = (step[at] > _beyond_usual(step[~same], FROZEN_JUMP_M)) | (
-        turn[at] > _beyond_usual(turn[~same], FROZEN_JUMP_RAD)
-    )
+    jumped = step[at] > max(limits.frozen_jump, limits.frozen_steps * _usual(step[~same]))
+    jumped |= turn[at] > max(limits.frozen_turn, limits.frozen_steps * _usual(turn[~same]))
     if not jumped.any():
         return []
     return [FrozenRun(int(a), int(b)) for a, b in zip(first, last, strict=True)]
 
 
-def frozen_poses(track: Track) -> Mask:
+def frozen_poses(track: Track, parameters: Parameters) -> Mask:
     """(n,) which poses repeat an earlier one while the device moved on; the first of each stretch is a good one."""
     frozen = np.zeros(len(track), dtype=bool)
-    for run in frozen_runs(track):
+    for run in frozen_runs(track, parameters):
         frozen[run.first + 1 : run.last + 1] = True
     return frozen
 
@@ -96,5 +84,6 @@ def _runs(same: Mask) -> tuple[Indices, Indices]:
     return np.flatnonzero(edges == 1).astype(np.int32), np.flatnonzero(edges == -1).astype(np.int32)
 
 
-def _beyond_usual(size: Array, least: float) -> float:
-    return max(least, USUAL_STEPS * float(np.quantile(size, 0.9)))
+def _usual(size: Array) -> float:
+    """The size that nine of ten do not exceed."""
+    return float(np.quantile(size, 0.9))

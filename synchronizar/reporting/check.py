@@ -46,7 +46,10 @@ def check_table(summary: Summary, findings: Sequence[Finding]) -> str:
     ]
     lines = [*_table(DEVICE_HEAD, devices), "", *(_table(PAIR_HEAD, pairs) if pairs else ["no ranges"])]
     if summary.no_distance:
-        lines.append(f"{summary.no_distance} of {summary.ranges} ranges have a number that can be no distance")
+        span = (
+            "" if summary.shortest is None else f" (they go from {summary.shortest:.6g} m to {summary.longest:.6g} m)"
+        )
+        lines.append(f"{summary.no_distance} of {summary.ranges} ranges are no possible distances and not used{span}")
     return "\n".join([*lines, "", *findings_lines(findings)])
 
 

@@ -19,7 +19,8 @@ def registration_table(registration: Registration) -> str:
     lines = ["  ".join([*_aligned(row[:-1], widths), row[-1]]).rstrip() for row in rows]
     counts = ", ".join(f"{count} {what}" for what, count in range_counts(registration.ranges).items())
     lines.append(f"ranges: {counts}; {sum(registration.seconds.values()):.2f} s")
-    return "\n".join([*lines, *map(str, registration.findings)])
+    findings = ["", *map(str, registration.findings)] if registration.findings else []
+    return "\n".join([*lines, *findings])
 
 
 def _table_row(registration: Registration, user: UserRegistration) -> tuple[str, ...]:

@@ -15,6 +15,9 @@ from support.paths import SHARED
 from synchronizar.data.findings import Code, Finding, finding_json
 from synchronizar.data.recording import Recording
 from synchronizar.diagnosis import findings_of
+from synchronizar.diagnosis.summary import summary_of
+from synchronizar.parameters import Parameters
+from synchronizar.reporting.check import check_json, check_table
 from synchronizar.simulation.simulate import Scene, simulate
 
 SEEDS = (1, 2)
@@ -55,38 +58,38 @@ def test_a_mistake_is_told_as_what_it_is_and_as_nothing_else(mistake: Mistake, s
     if mistake.code == Code.CLOCK:
         # That it has no range within its time is true too.
         expected |= {(str(Code.TIME_OVERLAP), user) for user in mistake.users}
-    assert told(findings_of(mistake.make(walk(seed)))) == expected
+    assert told(findings_of(mistake.make(walk(seed)), Parameters())) == expected
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("settings", CLEAN, ids=str)
-def test_nothing_is_told_of_a_clean_walk(settings: dict[str, Any], seed: int) -> None:
+def test_nothing_is_told_of_fifty_clean_walks(settings: dict[str, Any], seed: int) -> None:
     scene = Scene(**({"users": 3, "seconds": 12.0, "seed": seed} | settings))
-    assert findings_of(simulate(scene).recording) == []
+    assert findings_of(simulate(scene).recording, Parameters()) == []
 
 
 def test_nothing_is_told_of_a_clean_walk_with_y_up_that_says_so(tmp_path: Any) -> None:
     simulate(Scene(users=3, up="y", seed=3)).save(tmp_path)
-    assert findings_of(Recording.load(tmp_path)) == []
+    assert findings_of(Recording.load(tmp_path), Parameters()) == []
 
 
 def test_two_mistakes_are_both_told() -> None:
     y_up = next(m for m in MISTAKES if m.name == "y up, taken for z up")
     millimetres = of_ranges(distance=lambda d: 1e3 * d)
-    found = told(findings_of(millimetres(y_up.make(walk(1)))))
+    found = told(findings_of(millimetres(y_up.make(walk(1))), Parameters()))
     assert found == {("range-unit", None), *(("up-axis", f"phone{n}") for n in range(3))}
 
 
 def test_both_spans_are_told_where_times_do_not_overlap() -> None:
     mistake = next(m for m in MISTAKES if m.name == "tracks by uptime, ranges since 1970")
-    message = findings_of(mistake.make(walk(1)))[0].message
-    assert "its track is 81234." in message
-    assert "its ranges are 1700000000." in message
+    message = findings_of(mistake.make(walk(1)), Parameters())[0].message
+    assert "the track runs from 81234." in message
+    assert "its ranges from 1700000000." in message
 
 
 def test_numbers_that_make_it_likely_are_told() -> None:
     feet = of_ranges(distance=lambda d: d / 0.3048)(walk(2))
-    (finding,) = findings_of(feet)
+    (finding,) = findings_of(feet, Parameters())
     assert "likely in feet" in finding.message
     assert "3." in finding.message
     assert finding.remedy.startswith("divide the column range by 3.2808")
@@ -94,7 +97,7 @@ def test_numbers_that_make_it_likely_are_told() -> None:
 
 def test_a_finding_is_one_line_and_one_json_object() -> None:
     finding = Finding(Code.UP_AXIS, "ann", "its y axis is vertical", 'say `up = "y"`')
-    assert str(finding) == 'up-axis: ann: its y axis is vertical; say `up = "y"`'
+    assert str(finding) == 'up-axis: ann: its y axis is vertical. Remedy: say `up = "y"`'
     assert finding_json(finding) == {
         "code": "up-axis",
         "user": "ann",
@@ -106,27 +109,27 @@ def test_a_finding_is_one_line_and_one_json_object() -> None:
 def test_nothing_is_changed_and_nothing_breaks_on_hardly_any_data() -> None:
     recording = walk(1)
     before = recording.ranges.distance.copy(), recording.tracks["phone0"].position.copy()
-    findings_of(recording)
+    findings_of(recording, Parameters())
     assert (recording.ranges.distance == before[0]).all()
     assert (recording.tracks["phone0"].position == before[1]).all()
     for count in (0, 1, 2, 30):
-        findings_of(replace(recording, ranges=recording.ranges.select(np.arange(count))))
+        findings_of(replace(recording, ranges=recording.ranges.select(np.arange(count))), Parameters())
     one = {
         n: replace(t, t=t.t[:1], position=t.position[:1], quat_xyzw=t.quat_xyzw[:1])
         for n, t in recording.tracks.items()
     }
-    findings_of(replace(recording, tracks=one))
+    findings_of(replace(recording, tracks=one), Parameters())
 
 
 def test_twenty_thousand_ranges_take_less_than_a_quarter_of_a_second() -> None:
     # 0.065 s on an idle machine.
     recording = simulate(Scene(users=10, seconds=167.0, rate_hz=2.67)).recording
     assert len(recording.ranges) > 20_000
-    findings_of(recording)
+    findings_of(recording, Parameters())
     times = []
     for _ in range(3):
         began = perf_counter()
-        findings_of(recording)
+        findings_of(recording, Parameters())
         times.append(perf_counter() - began)
     assert min(times) < 0.25
 
@@ -154,4 +157,15 @@ EXPECTED = {
 def test_of_real_recordings_and_cases_what_is_known_of_them_is_told(name: str) -> None:
     if not (SHARED / name).is_dir():
         pytest.skip(f"{SHARED / name} is not there")
-    assert told(findings_of(Recording.load(SHARED / name))) == EXPECTED[name]
+    assert told(findings_of(Recording.load(SHARED / name), Parameters())) == EXPECTED[name]
+
+
+def test_garbage_ranges_of_a_real_recording_are_counted_and_shown_though_no_code_names_them() -> None:
+    if not (SHARED / "recordings/cmu_scott").is_dir():
+        pytest.skip(f"{SHARED / 'recordings/cmu_scott'} is not there")
+    summary = summary_of(Recording.load(SHARED / "recordings/cmu_scott"), Parameters())
+    assert (summary.no_distance, summary.ranges) == (7, 5346)
+    assert summary.longest is not None
+    assert summary.longest > 6.1e6
+    assert "7 of 5346 ranges are no possible distances" in check_table(summary, ())
+    assert check_json(summary, (), None)["ranges"]["longest"] == summary.longest

@@ -14,6 +14,8 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Replay, Update, UserUpdate
+from synchronizar.diagnosis import findings_of
+from synchronizar.diagnosis.reasons import with_reasons
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.estimator import registration_now
 from synchronizar.estimation.register import reference_of, register
@@ -68,7 +70,8 @@ def replay(
     tell(engine.complete)
     tracks = {name: _track(np.array(of_user)) for name, of_user in rows.items() if of_user}
     seconds = {"load": 0.0, "initialise": 0.0, "solve": perf_counter() - began}
-    return Replay(updates, tracks, known.registration(tracks, seconds))
+    found = findings_of(recording, parameters)
+    return Replay(updates, tracks, with_reasons(known.registration(tracks, seconds), found))
 
 
 class _Known:
@@ -117,9 +120,8 @@ class _Known:
         """At the end, about each user's last pose."""
         ranges = RangeVerdicts(self._usable, self._used, self._weight, self._residual)
         if self.engine.solution is None:
-            nothing = replace(
-                self.recording, ranges=self.recording.ranges.select(np.zeros(len(self._used), dtype=bool))
-            )
+            measured = self.recording.ranges
+            nothing = replace(self.recording, ranges=replace(measured, distance=np.full(len(measured), np.nan)))
             return replace(register(nothing, self.recording.users[self.engine.reference].name), ranges=ranges)
         told = registration_now(self.engine)
         users = {name: replace(user, common_track=tracks.get(name)) for name, user in told.users.items()}

@@ -20,6 +20,8 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.data.ranges import papers_rate_hz
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State, UserRegistration
+from synchronizar.diagnosis import findings_of
+from synchronizar.diagnosis.reasons import with_reasons
 from synchronizar.estimation.pairwise.solve import LEAST_REDUCED, solve_reduced
 from synchronizar.estimation.register import reference_of
 from synchronizar.geometry import YawFrame
@@ -77,7 +79,8 @@ def register_pairwise(
         told[user.name] = UserRegistration(user.name, state, reason, frame, None, user.static)
     seconds = {"load": 0.0, "initialise": began_to_solve - began, "solve": perf_counter() - began_to_solve}
     ranges = _range_verdicts(recording, frames, used, parameters)
-    return Registration(users[ref].name, "rigid", "pairwise", told, (), ranges, seconds)
+    registration = Registration(users[ref].name, "rigid", "pairwise", told, (), ranges, seconds)
+    return with_reasons(registration, findings_of(recording, parameters))
 
 
 def pair_samples(recording: Recording, parameters: Parameters) -> dict[tuple[int, int], PairSamples]:
