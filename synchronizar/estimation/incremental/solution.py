@@ -12,7 +12,6 @@ from synchronizar.data.recording import Recording
 from synchronizar.estimation.assessment import Assessment
 from synchronizar.estimation.incremental.stream import Stretch
 from synchronizar.estimation.incremental.window_state import Checkpoint
-from synchronizar.estimation.local_optima import LocalOptimum
 from synchronizar.geometry import (
     apply_frames,
     moved_frames,
@@ -21,7 +20,7 @@ from synchronizar.geometry import (
     rotation_2d,
     wrap_angle,
 )
-from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.states import SCALE, States, corrected
 
 
