@@ -12,9 +12,8 @@ from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.estimation.initialisation import Candidate, joint_placements, placements_in_parts
 from synchronizar.geometry import YawFrame
-from synchronizar.graph.problem import Problem, connected
+from synchronizar.graph.problem import Problem
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
 MODEL = Parameters()
@@ -139,23 +138,6 @@ def test_the_reference_alone_is_one_hypothesis() -> None:
     recording = recording_of({"a": track_of(np.arange(3.0), np.zeros((3, 3)))}, [])
     (only,) = hypotheses(recording)
     np.testing.assert_array_equal(only.frames, np.zeros((1, 4)))
-
-
-@given(seed=seeds, users=st.integers(2, 9), links=st.integers(0, 9))
-@settings(derandomize=True, deadline=None, max_examples=60)
-def test_connected_are_those_that_a_chain_of_ranges_reaches(seed: int, users: int, links: int) -> None:
-    random = np.random.default_rng(seed)
-    names = [f"u{k}" for k in range(users)]
-    ends = [random.choice(users, 2, replace=False) for _ in range(links)]
-    still = track_of(np.arange(3.0), np.zeros((3, 3)))
-    rows = [(1.0, names[a], names[b], 1.0) for a, b in ends]
-    measurements = range_measurements(recording_of(dict.fromkeys(names, still), rows), MODEL)
-    touches = np.eye(users)
-    for a, b in ends:
-        touches[a, b] = touches[b, a] = 1.0
-    reaches = np.linalg.matrix_power(touches, users) > 0.0
-    for reference in range(users):
-        assert connected(measurements, users, reference) == np.flatnonzero(reaches[reference]).tolist()
 
 
 def test_parts_of_a_walk_whose_ranges_are_half_nlos_place_everybody_and_are_the_same_each_time() -> None:
