@@ -16,6 +16,7 @@ from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame, apply_frames, difference, wrap_angle
 from synchronizar.graph.optimization import optimize
 from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import CLOCK, States, common_track
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, keyframes_of
@@ -96,8 +97,8 @@ def oracle(simulation: Simulation, reference: str) -> dict[str, Track]:
         STATIC_KEYFRAME if u.static else keyframes_of(mended[u.name], model.slam.keyframe_interval, model)
         for u in users
     ]
-    ref = recording.index(reference)
-    graph = PoseGraph(smooth, samples, keyframes, list(range(len(users))), ref, model)
+    problem = Problem(smooth, samples, list(range(len(users))), recording.index(reference), model)
+    graph = PoseGraph(problem, keyframes)
     walks = _maximum_likelihood(graph, true_walks(graph, simulation, smooth))
     return {
         user.name: common_track(walks, u, keyframes[u], smooth.tracks[user.name])[0]
@@ -138,7 +139,7 @@ def _maximum_likelihood(graph: PoseGraph, walks: States) -> States:
     judgement = replace(graph.initial_em_weights(), nlos_odds=0.0 * ones, range_weight=ones)
     for _ in range(_ROUNDS):
         before = walks.calibration[:, CLOCK].copy()
-        graph.read_antennas(before)
+        graph = graph.with_antennas_at(before)
         factors = graph.factors(about, judgement)
         values = optimize(factors, graph.values(walks), graph.ordering(), 100, 1e-6)
         walks = graph.states(values, walks)

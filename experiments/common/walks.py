@@ -15,6 +15,7 @@ from synchronizar.estimation.register import register
 from synchronizar.geometry import difference
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.optimization import optimize
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, range_measurements
@@ -50,8 +51,8 @@ def oracle(simulation: Simulation, reference: str, model: Parameters) -> Oracle:
     truth = true_frames(simulation, reference)
 
     def graph_of(measured: RangeMeasurements) -> RigidGraph:
-        everybody, origins = list(range(k)), np.zeros((k, 3))
-        return RigidGraph(recording, measured, origins, everybody, recording.index(reference), squared)
+        problem = Problem(recording, measured, list(range(k)), recording.index(reference), squared)
+        return RigidGraph(problem, np.zeros((k, 3)))
 
     rigid = graph_of(samples)
     start, weights = rigid.initial_states(truth), rigid.initial_em_weights()

@@ -24,10 +24,11 @@ from synchronizar.arrays import Array
 from synchronizar.estimation.initialisation import joint_placements
 from synchronizar.estimation.register import register
 from synchronizar.graph import keys
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs, range_measurements
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
 
@@ -38,20 +39,19 @@ def row_of(users: int, ranges: int) -> dict[str, Any]:
     """Every stage for `users` users with `ranges` ranges a pair."""
     seconds = 12.0
     recording = simulate(Scene(users=users, seconds=seconds, rate_hz=ranges / seconds, seed=1)).recording
-    model = Parameters()
-    samples = range_measurements(recording, model)
-    everybody = list(range(users))
-    lonely = RigidGraph(recording, samples[:0], np.zeros((users, 3)), everybody, 0, model)
+    problem = Problem.of(recording, 0, Parameters())
+    samples = problem.measurements
+    lonely = RigidGraph(problem.with_measurements(samples[:0]), np.zeros((users, 3)))
 
     def search() -> Array:
-        return joint_placements(samples, recording.users, everybody, 0, model)[0].frames
+        return joint_placements(problem)[0].frames
 
     start = search()
     priors = lonely.factors(start, lonely.initial_em_weights())
     values = lonely.values(lonely.initial_states(start))
     ends: list[UserKeys | FixedUser] = [
         FixedUser(UserPose()),
-        *(UserKeys(keys.frame(u), keys.height(u)) for u in everybody[1:]),
+        *(UserKeys(keys.frame(u), keys.height(u)) for u in problem.free),
     ]
     ours, numpys = gtsam.NonlinearFactorGraph(priors), gtsam.NonlinearFactorGraph(priors)
     for pair in pairs(samples):

@@ -12,9 +12,8 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
-from synchronizar.estimation.local_optima import LocalOptimum
 from synchronizar.graph.marginals import Marginals, marginals
-from synchronizar.graph.pose_graph import PoseGraph, calibration_sigmas
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.extent import extent_points

@@ -14,17 +14,16 @@ from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
-from synchronizar.estimation.initialisation import connected
-from synchronizar.estimation.local_optima import BETTER, LocalOptimum, compare, refine, with_measured_weights
+from synchronizar.estimation.local_optima import BETTER, compare, refine, with_measured_weights
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import slips
 from synchronizar.geometry import apply_frames, wrap_angle
-from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import SCALE, common_track
 from synchronizar.graph.step_noise import step_noise
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, keyframes_of
-from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.progress import Progress, stage, unheard
 from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternion
@@ -46,7 +45,8 @@ def register_full(recording: Recording, reference: int, parameters: Parameters, 
     began = perf_counter()
     repaired_tracks = {name: repair_relocalizations(track, parameters) for name, track in recording.tracks.items()}
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
-    optima, noise, searched = solve(repaired, repaired_tracks, reference, parameters, stage(progress, 0.0, 0.9))
+    problem = Problem.of(repaired, reference, parameters)
+    optima, noise, searched = solve(problem, repaired_tracks, stage(progress, 0.0, 0.9))
     assessed = assess_calibrated(optima, repaired, parameters)
     own = _own_frames(recording, repaired_tracks, optima[0])
     name, count = recording.users[reference].name, len(recording.ranges)
@@ -105,65 +105,42 @@ def _moved(track: Track, optimum: Array, mean: Array) -> Track:
     return replace(track, position=position, quat_xyzw=multiply_quaternions(yaw_quaternion(turn), track.quat_xyzw))
 
 
-def solve(
-    repaired: Recording,
-    repaired_tracks: dict[str, RepairedTrack],
-    reference: int,
-    parameters: Parameters,
-    progress: Progress = unheard,
-) -> Solved:
-    """The local optima of a recording, solved without a start; its tracks are `repaired_tracks`."""
-    measurements = range_measurements(repaired, parameters)
-    active_users = connected(measurements, len(repaired.users), reference)
-    measurements = measurements[np.isin(measurements.i, active_users)]
-
-    coarse = keyframes_of_all(repaired, repaired_tracks, coarse_interval(measurements, parameters), parameters)
-    searching = stage(progress, 0.0, 0.7)
-    found = search_and_grow(repaired, measurements, coarse, active_users, reference, parameters, searching)
+def solve(problem: Problem, repaired_tracks: dict[str, RepairedTrack], progress: Progress = unheard) -> Solved:
+    """The local optima of a problem, solved without a start; the recording's tracks are `repaired_tracks`."""
+    coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem))
+    found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.7))
     searched = perf_counter()
-    fine = keyframes_of_all(repaired, repaired_tracks, parameters.slam.keyframe_interval, parameters)
-    graph = PoseGraph(repaired, measurements, fine, active_users, reference, parameters)
-    minima, noise = _refined(repaired, repaired_tracks, found, graph, parameters)
+    minima, noise = _refined(problem, repaired_tracks, found)
     progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
-        minima, noise = _refined(repaired, repaired_tracks, [minima[1], *found], graph, parameters)
+        minima, noise = _refined(problem, repaired_tracks, [minima[1], *found])
     return Solved(minima, noise, searched)
 
 
 def _refined(
-    recording: Recording,
-    repaired_tracks: dict[str, RepairedTrack],
-    found: list[LocalOptimum],
-    graph: PoseGraph,
-    parameters: Parameters,
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], found: list[LocalOptimum]
 ) -> tuple[list[LocalOptimum], Array]:
-    """The first optimum at the keyframes of `graph`, the others that explain the ranges, and the step noise (k, 2).
+    """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
     All of them with the step noise estimated for each device (`step_noise`).
     """
     best = with_measured_weights(found[0])
     noise = step_noise(best.graph, best.states, best.em_weights)
-    coarse = keyframes_of_all(
-        recording, repaired_tracks, coarse_interval(graph.measurements, parameters), parameters, noise
-    )
-    fine = keyframes_of_all(recording, repaired_tracks, parameters.slam.keyframe_interval, parameters, noise)
+    coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem), noise)
+    fine = keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, noise)
     found = [s._replace(graph=s.graph.with_keyframes(coarse)) for s in found]
-    best = best._replace(graph=found[0].graph)
-    return compare(found, refine(best, graph.with_keyframes(fine)), parameters), noise
+    best = best._replace(graph=best.graph.with_keyframes(coarse))
+    return compare(found, refine(best, PoseGraph(problem, fine))), noise
 
 
 def keyframes_of_all(
-    recording: Recording,
-    repaired_tracks: dict[str, RepairedTrack],
-    interval: float,
-    parameters: Parameters,
-    noise: Array | None = None,
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], interval: float, noise: Array | None = None
 ) -> list[Keyframes]:
-    """Keyframes of every user, `interval` s apart; `noise` (k, 2) are factors on the drift of `parameters.slam`."""
-    factors = np.ones((len(recording.users), 2)) if noise is None else noise
+    """Keyframes of all k users, `interval` s apart; `noise` (k, 2) are factors on the drift of `parameters.slam`."""
+    factors = np.ones((len(problem.users), 2)) if noise is None else noise
     return [
         STATIC_KEYFRAME
         if user.static
-        else keyframes_of(repaired_tracks[user.name], interval, parameters, (place, heading))
-        for user, (place, heading) in zip(recording.users, factors.tolist(), strict=True)
+        else keyframes_of(repaired_tracks[user.name], interval, problem.parameters, (place, heading))
+        for user, (place, heading) in zip(problem.users, factors.tolist(), strict=True)
     ]

@@ -14,10 +14,9 @@ import numpy as np
 
 from synchronizar._core import search_placements
 from synchronizar.arrays import Array, Indices, Mask
-from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, relative_to
 from synchronizar.graph.priors import height_sigma_of, nlos_mixture
-from synchronizar.parameters import Parameters
+from synchronizar.graph.problem import Problem
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
 
 
@@ -30,54 +29,28 @@ class Candidate(NamedTuple):
     """Negative log likelihood, up to a constant that all candidates share."""
 
 
-def connected(measurements: RangeMeasurements, users: int, reference: int) -> list[int]:
-    """The users connected to the reference by a chain of ranges, itself included, sorted."""
-    reached = np.zeros(users, dtype=bool)
-    reached[reference] = True
-    links = np.unique(np.stack([measurements.i, measurements.j]), axis=1)
-    while True:
-        touched = reached[links].any(axis=0)
-        grown = reached.copy()
-        grown[links[:, touched].ravel()] = True
-        if (grown == reached).all():
-            return np.flatnonzero(reached).tolist()
-        reached = grown
-
-
-def joint_placements(
-    measurements: RangeMeasurements,
-    users: tuple[User, ...],
-    active_users: list[int],
-    reference: int,
-    parameters: Parameters,
-) -> list[Candidate]:
-    """Candidates for the frames of the active users (the reference among them) in the reference's frame, best first."""
-    if len(active_users) == 1:
-        frames = np.full((len(users), 4), np.nan)
-        frames[reference] = 0.0
-        return [Candidate(frames, 0.0)]
-    observability, spread = _observability(measurements, len(users))
-    order = _order(observability, spread, np.array([user.static for user in users]), active_users)
+def joint_placements(problem: Problem) -> list[Candidate]:
+    """Candidates for the frames of the active users in the reference's frame, best first; SLAM is rigid."""
+    users = problem.users
     frames = np.full((len(users), 4), np.nan)
+    if not problem.free:
+        frames[problem.reference] = 0.0
+        return [Candidate(frames, 0.0)]
+    observability, spread = _observability(problem.measurements, len(users))
+    order = _order(observability, spread, np.array([user.static for user in users]), problem.active_users)
     frames[order[0]] = 0.0
     alive = [Candidate(frames, 0.0)]
     for user in order[1:]:
-        alive = extend(measurements, alive, users, user, parameters)
-    return [Candidate(relative_to(h.frames, reference), h.cost) for h in alive]
+        alive = extend(problem, alive, user)
+    return [Candidate(relative_to(h.frames, problem.reference), h.cost) for h in alive]
 
 
-def placements_in_parts(
-    measurements: RangeMeasurements,
-    users: tuple[User, ...],
-    active_users: list[int],
-    reference: int,
-    parameters: Parameters,
-) -> Iterator[Candidate]:
-    """Joint placements found in random parts of the walk (the same ones each time) that tie all of `active_users`.
+def placements_in_parts(problem: Problem) -> Iterator[Candidate]:
+    """Joint placements found in random parts of the walk (the same ones each time) that connect all active users.
 
     A part may be free of the burst of NLOS ranges that misleads the whole.
     """
-    search = parameters.search
+    measurements, search = problem.measurements, problem.parameters.search
     random = np.random.default_rng(0)
     begin, end = measurements.t.min(), measurements.t.max()
     along = (measurements.t - begin) / max(end - begin, 1e-9)
@@ -85,10 +58,9 @@ def placements_in_parts(
     for _ in range(search.parts):
         share = random.permutation(search.part_pieces) / search.part_pieces
         taken = share < random.uniform(search.least_part, search.largest_part)
-        part = measurements[taken[piece]]
-        if connected(part, len(users), reference) == active_users:
-            found = joint_placements(part, users, active_users, reference, parameters)
-            yield from found[: search.most_followed]
+        part = problem.part(taken[piece])
+        if part.active_users == problem.active_users:
+            yield from joint_placements(part)[: search.most_followed]
 
 
 def _observability(measurements: RangeMeasurements, users: int) -> tuple[Array, Array]:
@@ -153,13 +125,12 @@ def _known_positions(measurements: RangeMeasurements, frames: Array, rows: Indic
     return apply_frames(frames[other], own[1 - end, rows])
 
 
-def extend(
-    measurements: RangeMeasurements, alive: list[Candidate], users: tuple[User, ...], user: int, parameters: Parameters
-) -> list[Candidate]:
+def extend(problem: Problem, candidates: list[Candidate], user: int) -> list[Candidate]:
     """Each candidate with one more user, at every frame that its ranges to the users in it allow; best first."""
+    measurements, parameters, known = problem.measurements, problem.parameters, problem.users[user]
     own = np.stack([measurements.p_i, measurements.p_j])
     grown = []
-    for candidate in alive:
+    for candidate in candidates:
         active_users = ~np.isnan(candidate.frames[:, 0])
         rows, end = _links(measurements, user, active_users)
         found = search_placements(
@@ -168,8 +139,8 @@ def extend(
             measurements.distance[rows],
             measurements.sigma[rows],
             measurements.nlos_odds[rows],
-            height_sigma_of(users[user], parameters),
-            not users[user].static,
+            height_sigma_of(known, parameters),
+            not known.static,
             nlos_mixture(parameters),
             parameters.integrity.largest_error,
             parameters.search.most_candidates,

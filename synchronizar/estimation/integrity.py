@@ -23,9 +23,17 @@ _DIRECTIONS = 32  # in a quarter turn
 class GraphUsers(Protocol):
     """The users of a graph and their priors."""
 
-    users: tuple[User, ...]
-    reference: int
-    free: list[int]
+    @property
+    def users(self) -> tuple[User, ...]:
+        """All k users."""
+
+    @property
+    def reference(self) -> int:
+        """The user whose frame is the common one."""
+
+    @property
+    def free(self) -> list[int]:
+        """The users whose frames are unknown."""
 
     def prior_variances(self, user: int) -> Array:
         """(4,) prior variances of x, y, z (m^2) and yaw (rad^2) relative to the reference."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,10 +15,9 @@ from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
 from synchronizar.geometry import difference
 from synchronizar.graph.marginals import marginals
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States, interpolated
-from synchronizar.parameters import Parameters
 from synchronizar.progress import Progress, unheard
 
 _ANNEALING = (4.0, 2.0)
@@ -32,48 +30,30 @@ _MOST_COMPARED = 6
 BETTER = 1.0  # log likelihood: a smaller difference does not rank two optima
 
 
-class LocalOptimum(NamedTuple):
-    """A local minimum of a pose graph's cost."""
-
-    graph: PoseGraph
-    states: States
-    em_weights: EmWeights
-    cost: float
-    """Negative log likelihood, up to a constant that optima with the same ranges and range weights share."""
-
-    @property
-    def frames(self) -> Array:
-        """(k, 4) x, y, z (m), yaw (rad) of each user's last keyframe in the common frame; the yaw is of SLAM's axes."""
-        return self.graph.last_poses(self.states)
-
-
 def by_cost(optimum: LocalOptimum) -> float:
     """Sort key, best first."""
     return optimum.cost
 
 
-def find_optima(
-    graph: PoseGraph, starts: list[States], parameters: Parameters, progress: Progress = unheard
-) -> list[LocalOptimum]:
+def find_optima(graph: PoseGraph, starts: list[States], progress: Progress = unheard) -> list[LocalOptimum]:
     """The local optima reached from `starts`, and from slips and mirror images of the best one, best first.
 
     A rigid graph is not annealed unless ranges are NLOS, and is then started from parts of the walk as well.
     """
     found: list[LocalOptimum] = []
-    rigid = isinstance(graph, RigidGraph)
+    rigid, search = isinstance(graph, RigidGraph), graph.parameters.search
     for n, states in enumerate(starts, start=1):
         _add_optimum(graph, states, found, () if rigid else _ANNEALING)
         progress(0.5 * n / len(starts))
-    if rigid and graph.free and _nlos_share(min(found, key=by_cost)) > parameters.search.doubtful_share:
+    if rigid and graph.free and _nlos_share(min(found, key=by_cost)) > search.doubtful_share:
         for states in starts:
-            _add_optimum(graph, states, found, (parameters.search.annealing,))
-        own = graph.to_rigid_ranges(starts[0])
-        for start in placements_in_parts(own, graph.users, graph.active_users, graph.reference, parameters):
+            _add_optimum(graph, states, found, (search.annealing,))
+        for start in placements_in_parts(graph.rigid_problem(starts[0])):
             _add_optimum(graph, graph.initial_states(start.frames), found, ())
     best = min(found, key=by_cost)
     while graph.free:
-        for states in chain(relaid(graph, best.states, parameters), _mirror_images(best, parameters)):
-            _add_optimum(graph, states, found, ())
+        for states in chain(relaid(best.graph, best.states), _mirror_images(best)):
+            _add_optimum(best.graph, states, found, ())
         better = min(found, key=by_cost)
         progress(0.8)
         if better.cost > best.cost - BETTER:
@@ -84,10 +64,9 @@ def find_optima(
 
 def approach(graph: PoseGraph, states: States, annealing: float) -> LocalOptimum:
     """States near a local optimum after a few EM rounds, the first ones annealed."""
-    states, em_weights, _ = graph.run_em(
-        states, _with_search_weights(graph.initial_em_weights()), _FIRST_ROUNDS, annealing
-    )
-    return LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
+    em_weights = _with_search_weights(graph.initial_em_weights())
+    near = graph.run_em(states, em_weights, _FIRST_ROUNDS, annealing)
+    return near.graph.run_em(near.states, near.em_weights, _FIRST_ROUNDS)
 
 
 def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], annealing: tuple[float, ...]) -> None:
@@ -101,15 +80,15 @@ def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], an
 
     em_weights = _with_search_weights(graph.initial_em_weights())
     for factor in annealing:
-        states, em_weights, _ = graph.run_em(states, em_weights, 3, factor)
+        graph, states, em_weights, _ = graph.run_em(states, em_weights, 3, factor)
     if isinstance(graph, RigidGraph):  # many parts of a walk lead to few optima
         rounds = graph.parameters.search.most_rounds
-        optimum = LocalOptimum(graph, *graph.run_em(states, em_weights, rounds, known=known, hopeless=hopeless))
+        optimum = graph.run_em(states, em_weights, rounds, known=known, hopeless=hopeless)
     else:
-        optimum = LocalOptimum(graph, *graph.run_em(states, em_weights, _FIRST_ROUNDS))
+        optimum = graph.run_em(states, em_weights, _FIRST_ROUNDS)
         if optimum.cost > hopeless:
             return
-        optimum = LocalOptimum(graph, *graph.run_em(optimum.states, optimum.em_weights, _ROUNDS))
+        optimum = optimum.graph.run_em(optimum.states, optimum.em_weights, _ROUNDS)
     if not known(optimum.states):
         found.append(optimum)
 
@@ -129,12 +108,13 @@ def _with_search_weights(em_weights: EmWeights) -> EmWeights:
     return replace(em_weights, range_weight=np.sqrt(em_weights.range_weight))
 
 
-def _mirror_images(optimum: LocalOptimum, parameters: Parameters) -> Iterator[States]:
+def _mirror_images(optimum: LocalOptimum) -> Iterator[States]:
     """States at which mirror images of an optimum may explain the ranges as well, likeliest first.
 
     Users on one level leave the signs of heights open, users on a line the side of it.
     """
     graph, states, rigid = optimum.graph, optimum.states, _rigid(optimum)
+    parameters = graph.parameters
     flat = graph.to_rigid_ranges(states)
     range_weight = float(optimum.em_weights.range_weight.mean())
     here = rigid.cost(states.anchor_poses)
@@ -169,54 +149,50 @@ def _rigid(optimum: LocalOptimum) -> RigidGraph:
     graph = optimum.graph
     if isinstance(graph, RigidGraph):
         return graph.with_nlos_odds(optimum.em_weights.nlos_odds)
-    about = np.zeros((len(graph.users), 3))
-    return RigidGraph(
-        graph.recording,
-        graph.to_rigid_ranges(optimum.states),
-        about,
-        graph.active_users,
-        graph.reference,
-        graph.parameters,
-    )
+    return RigidGraph(graph.rigid_problem(optimum.states), np.zeros((len(graph.users), 3)))
 
 
 def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
     """The same optimum with range weights measured on its residuals."""
-    graph = coarse.graph
-    states, em_weights = coarse.states, coarse.em_weights
     for rounds in _MEASURING_ROUNDS:
-        states, em_weights, cost = graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
-    return LocalOptimum(graph, states, em_weights, cost)
+        coarse = _measured_again(coarse, rounds)
+    return coarse
 
 
 def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
     """The same optimum at the finer keyframes of another graph."""
-    states, em_weights, _ = coarse.graph.run_em(coarse.states, coarse.em_weights, _REFINING_ROUNDS)
-    states = interpolated(states, coarse.graph.keyframes, graph.keyframes)
-    first = replace(graph.initial_em_weights(), range_weight=em_weights.range_weight)
-    states, em_weights, _ = graph.run_em(states, first, _REFINING_ROUNDS)
-    return LocalOptimum(graph, *graph.run_em(states, graph.with_range_weights(states, em_weights), _REFINING_ROUNDS))
+    coarse = coarse.graph.run_em(coarse.states, coarse.em_weights, _REFINING_ROUNDS)
+    states = interpolated(coarse.states, coarse.graph.keyframes, graph.keyframes)
+    first = replace(graph.initial_em_weights(), range_weight=coarse.em_weights.range_weight)
+    return _measured_again(graph.run_em(states, first, _REFINING_ROUNDS), _REFINING_ROUNDS)
 
 
-def compare(found: list[LocalOptimum], best: LocalOptimum, parameters: Parameters) -> list[LocalOptimum]:
+def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
+    """The optimum after more EM rounds with range weights measured on its residuals."""
+    graph, states, em_weights, _ = optimum
+    return graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
+
+
+def compare(found: list[LocalOptimum], best: LocalOptimum) -> list[LocalOptimum]:
     """The optima that explain the ranges: the refined `best`, then those of `found[1:]` not excluded by their cost.
 
     Costs are compared at the keyframes of `found`, with the range weights measured at the best one.
     """
     if len(found) == 1:
         return [best]
-    likely = [s for s in found if s.cost < found[0].cost + parameters.search.hopeless_cost][:_MOST_COMPARED]
+    likely = [s for s in found if s.cost < found[0].cost + best.graph.parameters.search.hopeless_cost][:_MOST_COMPARED]
     compared = []
     for s in likely:
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
-        compared.append(LocalOptimum(s.graph, *s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS)))
+        compared.append(s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS))
     first, *others = compared
-    others = [s for s in others if s.cost <= first.cost + excluded_above(best, parameters)]
+    others = [s for s in others if s.cost <= first.cost + excluded_above(best)]
     return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]
 
 
-def excluded_above(best: LocalOptimum, parameters: Parameters) -> float:
+def excluded_above(best: LocalOptimum) -> float:
     """How far (negative log likelihood) above the best one's an optimum's cost excludes it."""
+    parameters = best.graph.parameters
     # Drift bends a straight track, which favours it or its mirror image by chance. That cost is a sum with one random
     # term for each device whose SLAM may drift, so it grows with the root of their number.
     drifting = max(sum(len(k.step_sigma) > 0 for k in best.graph.keyframes), 1)

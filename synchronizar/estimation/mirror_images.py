@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.initialisation import connected
+from synchronizar.graph.problem import connected
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 

@@ -12,15 +12,15 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import assess
-from synchronizar.estimation.initialisation import connected
-from synchronizar.estimation.local_optima import LocalOptimum, excluded_above, find_optima
+from synchronizar.estimation.local_optima import excluded_above, find_optima
 from synchronizar.estimation.residual_statistics import residual_statistics
 from synchronizar.estimation.segments import starts_of
 from synchronizar.graph.marginals import marginals
+from synchronizar.graph.pose_graph import LocalOptimum
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.centering import centroids
-from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.progress import Progress, stage
 
 
@@ -28,18 +28,16 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     """The registration of a recording whose SLAM, clocks and radios are trusted."""
     began = perf_counter()
     k = len(recording.users)
-    measurements = range_measurements(recording, parameters)
-    active_users = connected(measurements, k, reference)
-    measurements = measurements[np.isin(measurements.i, active_users)]
-    anchors = centroids(measurements, k)
-    graph = RigidGraph(recording, measurements, anchors, active_users, reference, parameters)
-    starts = starts_of(graph, parameters)
+    problem = Problem.of(recording, reference, parameters)
+    anchors = centroids(problem.measurements, k)
+    graph = RigidGraph(problem, anchors)
+    starts = starts_of(graph)
     searched = perf_counter()
     progress(0.1)
-    optima = find_optima(graph, starts, parameters, stage(progress, 0.1, 0.9))
+    optima = find_optima(graph, starts, stage(progress, 0.1, 0.9))
     best = optima[0]
-    optima = [s for s in optima if s.cost <= best.cost + excluded_above(best, parameters)]
-    inflation = _inflation(best, parameters)
+    optima = [s for s in optima if s.cost <= best.cost + excluded_above(best)]
+    inflation = _inflation(best)
     limit = parameters.integrity.systematic_inflation
     systematic = {u for u, factor in inflation.items() if factor > limit}
     assessed = assess(optima, recording, partial(_inflated, inflation=inflation), systematic, parameters)
@@ -48,12 +46,12 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     return registration_of(assessed, own, recording.users[reference].name, len(recording.ranges), seconds)
 
 
-def _inflation(best: LocalOptimum, parameters: Parameters) -> dict[int, float]:
+def _inflation(best: LocalOptimum) -> dict[int, float]:
     """By how much each user's covariance is larger than noise alone would make it (residual_statistics.py)."""
     graph = best.graph
     weight, inlier_probability = graph.inlier_probability(best.states, best.em_weights)
     weight, residual = weight / graph.sigma**2, graph.residuals(best.states)
-    ranges, pieces = graph.to_rigid_ranges(best.states), parameters.integrity.residual_pieces
+    ranges, pieces = graph.to_rigid_ranges(best.states), graph.parameters.integrity.residual_pieces
     return {
         u: residual_statistics(ranges, best.frames, residual, weight, inlier_probability, u, pieces).inflation
         for u in graph.free

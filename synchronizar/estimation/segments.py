@@ -5,18 +5,15 @@ The search takes SLAM for rigid, which holds for minutes, not for hours.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from synchronizar.arrays import Array, Mask
-from synchronizar.data.recording import Recording
-from synchronizar.estimation.initialisation import Candidate, connected, extend, joint_placements
-from synchronizar.estimation.local_optima import LocalOptimum, approach, by_cost, find_optima
+from synchronizar.estimation.initialisation import Candidate, extend, joint_placements
+from synchronizar.estimation.local_optima import approach, by_cost, find_optima
 from synchronizar.geometry import apply_frames, relative_to
-from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States
-from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.centering import centered, centroids
 from synchronizar.preprocessing.keyframes import Keyframes
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
@@ -28,97 +25,80 @@ _MOST_GROWN = 2  # optima of the first segment that are optimised on the whole r
 _WHOLE = 2.0  # first segments: a recording that is no longer is searched as a whole
 
 
-def coarse_interval(measurements: RangeMeasurements, parameters: Parameters) -> float:
+def coarse_interval(problem: Problem) -> float:
     """Interval (s) of the keyframes while candidates are compared."""
+    measurements, parameters = problem.measurements, problem.parameters
     length = min(float(np.ptp(measurements.t)) if len(measurements) else 0.0, parameters.search.first_stretch)
     return max(parameters.slam.keyframe_interval, length / _KEYFRAMES)
 
 
-def search_and_grow(
-    recording: Recording,
-    measurements: RangeMeasurements,
-    keyframes: list[Keyframes],
-    active_users: list[int],
-    reference: int,
-    parameters: Parameters,
-    progress: Progress = unheard,
-) -> list[LocalOptimum]:
+def search_and_grow(problem: Problem, keyframes: list[Keyframes], progress: Progress = unheard) -> list[LocalOptimum]:
     """Local optima of the whole recording, best first: found in one segment, which doubles until it holds all."""
-    users = recording.users
-    begin, end = _first_segment(measurements, len(users), reference, parameters)
+    parameters = problem.parameters
+    begin, end = _first_segment(problem)
     found: list[LocalOptimum] = []
     others: list[Array] = []
     known: list[int] = []
     while True:
-        inside = _within(measurements, begin, end)
-        linked = connected(measurements[inside], len(users), reference)
-        part = measurements[
-            np.flatnonzero(inside & np.isin(measurements.i, linked) & np.isin(measurements.j, linked)).astype(np.int32)
-        ]
-        graph = PoseGraph(recording, part, keyframes, linked, reference, parameters)
+        inside = _within(problem.measurements, begin, end)
+        part = problem.part(inside)
+        graph, whole = PoseGraph(part, keyframes), part.active_users == problem.active_users and inside.all()
         if not found:
-            whole = linked == active_users and inside.all()
             first = stage(progress, 0.0, 1.0 if whole else 0.3)
-            found = find_optima(graph, starts_of(graph, parameters, parameters.search.sigma), parameters, first)
+            found = find_optima(graph, starts_of(graph, parameters.search.sigma), first)
             excluded = found[0].cost + parameters.integrity.cost_excluded_nlos
             others = [s.states.anchor_poses for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
             progress(float(np.clip(inside.mean(), 0.3, 1.0)))
-            found = [approach(graph, _extended_states(graph, found[0], known, parameters), _ANNEALING)]
-        known = linked
-        if linked == active_users and inside.all():
+            found = [approach(graph, _extended_states(graph, found[0], known), _ANNEALING)]
+        known = part.active_users
+        if whole:
             break
         length = end - begin
         begin, end = begin - 0.5 * length, end + 0.5 * length
     if np.isfinite(begin):
         # Other optima of the first segment are optimised on the whole recording too.
-        states = found[0].states
+        best, states = found[0], found[0].states
         elsewhere = [np.where(np.isnan(frames), states.anchor_poses, frames) for frames in others]
-        found += [approach(graph, states._replace(anchor_poses=frames), 1.0) for frames in elsewhere]
+        found += [approach(best.graph, states._replace(anchor_poses=frames), 1.0) for frames in elsewhere]
     return sorted(found, key=by_cost)
 
 
-def _first_segment(
-    measurements: RangeMeasurements, users: int, reference: int, parameters: Parameters
-) -> tuple[float, float]:
+def _first_segment(problem: Problem) -> tuple[float, float]:
     """Begin and end (s) of the earliest segment of `first_stretch` s with the most users connected to the reference."""
-    if not len(measurements) or np.ptp(measurements.t) <= _WHOLE * parameters.search.first_stretch:
+    measurements, length = problem.measurements, problem.parameters.search.first_stretch
+    if not len(measurements) or np.ptp(measurements.t) <= _WHOLE * length:
         return -np.inf, np.inf
-    begins = np.arange(measurements.t.min(), measurements.t.max(), 0.5 * parameters.search.first_stretch)
-    linked = [
-        len(connected(measurements[_within(measurements, b, b + parameters.search.first_stretch)], users, reference))
-        for b in begins.tolist()
-    ]
+    begins = np.arange(measurements.t.min(), measurements.t.max(), 0.5 * length)
+    linked = [len(problem.part(_within(measurements, b, b + length)).active_users) for b in begins.tolist()]
     begin = float(begins[int(np.argmax(linked))])
-    return begin, begin + parameters.search.first_stretch
+    return begin, begin + length
 
 
 def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
     return np.asarray((measurements.t >= begin) & (measurements.t <= end))
 
 
-def starts_of(graph: PoseGraph, parameters: Parameters, slam_sigma: float = 0.0) -> list[States]:
+def starts_of(graph: PoseGraph, slam_sigma: float = 0.0) -> list[States]:
     """Starts from the global search with rigid SLAM; ranges' sigmas include `slam_sigma` (m) for what is not rigid."""
-    measurements = graph.measurements
-    middle = centroids(measurements, len(graph.users))
-    wide = replace(centered(measurements, middle), sigma=np.hypot(measurements.sigma, slam_sigma))
-    found = joint_placements(wide, graph.users, graph.active_users, graph.reference, parameters)
+    middle = centroids(graph.measurements, len(graph.users))
+    about_middle = graph.problem.with_measurements(centered(graph.measurements, middle))
+    found = joint_placements(about_middle.widened(slam_sigma))
     anchors = np.array([k.anchor for k in graph.keyframes]) - middle
     about_anchors = [np.column_stack([apply_frames(h.frames, anchors), h.frames[:, 3]]) for h in found]
     return [graph.initial_states(relative_to(frames, graph.reference)) for frames in about_anchors]
 
 
-def _extended_states(graph: PoseGraph, before: LocalOptimum, known: list[int], parameters: Parameters) -> States:
+def _extended_states(graph: PoseGraph, before: LocalOptimum, known: list[int]) -> States:
     """The states of a shorter segment as a start for a longer one; new users are added where they fit best."""
     states = before.states._replace(anchor_poses=before.states.anchor_poses.copy())
     new = [u for u in graph.active_users if u not in known]
     while new:
         frames = np.full_like(states.anchor_poses, np.nan)
         frames[known] = states.anchor_poses[known]
-        flat = graph.to_rigid_ranges(states._replace(anchor_poses=frames))
-        inflated = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
-        user = max(new, key=lambda u: ties(flat, u, known))
-        grown = extend(inflated, [Candidate(frames, 0.0)], graph.users, user, parameters)
+        rigid = graph.rigid_problem(states._replace(anchor_poses=frames))
+        user = max(new, key=lambda u: ties(rigid.measurements, u, known))
+        grown = extend(rigid.widened(graph.parameters.search.sigma), [Candidate(frames, 0.0)], user)
         states.anchor_poses[user] = grown[0].frames[user]
         known, new = [*known, user], [u for u in new if u != user]
     return states

@@ -9,7 +9,6 @@ the optimisation decides, by the heavy-tailed step noise, whether and where SLAM
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -21,72 +20,64 @@ from synchronizar.estimation.initialisation import Candidate, extend
 from synchronizar.geometry import apply_frames, relative_to, wrap_angle
 from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.priors import nlos_mixture
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import CLOCK, SCALE, States, steps
-from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 _MOST_TRIED = 3
 
 
-def relaid(graph: PoseGraph, states: States, parameters: Parameters) -> Iterator[States]:
+def relaid(graph: PoseGraph, states: States) -> Iterator[States]:
     """The states with pieces of one user's track moved to where they fit much better, largest gain first."""
-    flat = graph.to_rigid_ranges(states)
-    inflated = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
+    search = graph.parameters.search
+    rigid = graph.rigid_problem(states).widened(search.sigma)
     moving = [u for u in graph.active_users if len(graph.keyframes[u]) > 1]
-    moved = [
-        _move_pieces(graph, states, inflated, user, pieces, parameters)
-        for pieces in parameters.search.slip_pieces
-        for user in moving
-    ]
+    moved = [_move_pieces(graph, states, rigid, user, pieces) for pieces in search.slip_pieces for user in moving]
     likely = sorted(((gain, elsewhere) for gain, elsewhere in moved if gain > 0.0), key=lambda m: -m[0])
     yield from (elsewhere for _, elsewhere in likely[:_MOST_TRIED])
 
 
-def _move_pieces(
-    graph: PoseGraph, states: States, inflated: RangeMeasurements, user: int, pieces: int, parameters: Parameters
-) -> tuple[float, States]:
+def _move_pieces(graph: PoseGraph, states: States, rigid: Problem, user: int, pieces: int) -> tuple[float, States]:
     """The gain (log likelihood of ranges) by moving pieces of a user's track, and the states with these moved."""
-    mine = np.flatnonzero((inflated.i == user) | (inflated.j == user)).astype(np.int32)
-    begin, end = inflated.t[mine].min(), inflated.t[mine].max()
+    ranges, search = rigid.measurements, rigid.parameters.search
+    mine = np.flatnonzero((ranges.i == user) | (ranges.j == user)).astype(np.int32)
+    begin, end = ranges.t[mine].min(), ranges.t[mine].max()
     bounds = np.linspace(begin, end, pieces + 1)
     piece_frames, gained = np.tile(states.anchor_poses[user], (pieces, 1)), 0.0
     for piece in range(pieces):
-        inside = mine[(inflated.t[mine] >= bounds[piece]) & (inflated.t[mine] <= bounds[piece + 1])]
-        if len(inside) >= parameters.search.slip_least_ranges:
-            gain, best = _best_frame(graph, states, inflated[inside], user, parameters)
-            if gain > parameters.search.slip_gain:
+        inside = mine[(ranges.t[mine] >= bounds[piece]) & (ranges.t[mine] <= bounds[piece + 1])]
+        if len(inside) >= search.slip_least_ranges:
+            gain, best = _best_frame(rigid.with_measurements(ranges[inside]), states.anchor_poses, user)
+            if gain > search.slip_gain:
                 piece_frames[piece], gained = best, gained + gain
     stamps = graph.keyframes[user].t - states.calibration[user, CLOCK]
     which = np.clip(np.searchsorted(bounds[1:-1], stamps), 0, pieces - 1).astype(np.int32)
     return gained, _with_moved_pieces(graph, states, user, piece_frames, which)
 
 
-def _best_frame(
-    graph: PoseGraph, states: States, measurements: RangeMeasurements, user: int, parameters: Parameters
-) -> tuple[float, Array]:
-    """The frame (4,) that fits a user's ranges best, after its gain (log likelihood) over the present one."""
-    here = states.anchor_poses[user]
-    others = states.anchor_poses.copy()
+def _best_frame(rigid: Problem, frames: Array, user: int) -> tuple[float, Array]:
+    """The frame (4,) that fits a user's ranges best, after its gain (log likelihood) over the present one.
+
+    All other users are where frames (k, 4) have them.
+    """
+    others, moved = frames.copy(), frames.copy()
     others[user] = np.nan
-    found = extend(measurements, [Candidate(others, 0.0)], graph.users, user, parameters)
+    found = extend(rigid, [Candidate(others, 0.0)], user)
     if not found:
-        return 0.0, here
-    best = found[0].frames[user]
-    return _cost(states.anchor_poses, measurements, user, here, parameters) - _cost(
-        states.anchor_poses, measurements, user, best, parameters
-    ), best
+        return 0.0, frames[user]
+    moved[user] = found[0].frames[user]
+    return _cost(rigid, frames) - _cost(rigid, moved), moved[user]
 
 
-def _cost(frames: Array, measurements: RangeMeasurements, user: int, frame: Array, parameters: Parameters) -> float:
-    """Negative log likelihood of ranges at frames (k, 4), with `frame` (4,) in place of the user's."""
-    frames = frames.copy()
-    frames[user] = frame
+def _cost(rigid: Problem, frames: Array) -> float:
+    """Negative log likelihood of the ranges by themselves at frames (k, 4)."""
+    measurements = rigid.measurements
     q_i, q_j = (
         apply_frames(frames[measurements.i], measurements.p_i),
         apply_frames(frames[measurements.j], measurements.p_j),
     )
     whitened = (np.linalg.norm(q_i - q_j, axis=1) - measurements.distance) / measurements.sigma
-    return float(mixture_terms(whitened, measurements.sigma, measurements.nlos_odds, nlos_mixture(parameters))[0].sum())
+    loss = nlos_mixture(rigid.parameters)
+    return float(mixture_terms(whitened, measurements.sigma, measurements.nlos_odds, loss)[0].sum())
 
 
 def _with_moved_pieces(graph: PoseGraph, states: States, user: int, piece_frames: Array, which: Indices) -> States:

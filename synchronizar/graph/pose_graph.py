@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple, Self
 
 import gtsam
 import numpy as np
@@ -19,11 +20,13 @@ from synchronizar._core import CalibratedRangeBlock, NlosMixture, burst_nlos_odd
 from synchronizar.arrays import Array, Indices
 from synchronizar.cooperative import Cooperative, finish
 from synchronizar.data.recording import Recording
+from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import keys
 from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.optimization import optimizing
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.range_factors import CalibratedRangeBlockFactor, CalibratedUserKeys, PoseCache
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, antennas, slam_states, steps, to_rigid_ranges
 from synchronizar.parameters import Parameters
@@ -52,30 +55,35 @@ class EmWeights:
     row is that of the shared calibration's deviation from zero."""
 
 
-class PoseGraph:
-    """The anchored pose graph of n range measurements at given keyframes."""
+class LocalOptimum(NamedTuple):
+    """A local minimum of a pose graph's cost, or where EM stopped on the way to it."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        measurements: RangeMeasurements,
-        keyframes: list[Keyframes],
-        active_users: list[int],
-        reference: int,
-        parameters: Parameters,
-        marginal_prior: MarginalPrior | None = None,
-    ):
-        """`recording` has repaired tracks; `active_users` are the users in the graph, the reference among them.
+    graph: PoseGraph
+    """The graph with antenna positions read at the clock offsets of these states."""
+    states: States
+    em_weights: EmWeights
+    cost: float
+    """Negative log likelihood, up to a constant that optima with the same ranges and range weights share."""
+
+    @property
+    def frames(self) -> Array:
+        """(k, 4) x, y, z (m), yaw (rad) of each user's last keyframe in the common frame; the yaw is of SLAM's axes."""
+        return self.graph.last_poses(self.states)
+
+
+class PoseGraph:
+    """The anchored pose graph of a problem's n range measurements at given keyframes. No method changes it."""
+
+    def __init__(self, problem: Problem, keyframes: list[Keyframes], marginal_prior: MarginalPrior | None = None):
+        """`keyframes` of all k users.
 
         `marginal_prior` is the Gaussian that earlier ranges leave on some users' anchors and calibrations.
         """
-        self.recording, self.measurements, self.keyframes = recording, measurements, keyframes
-        self.users = recording.users
+        self.problem, self.keyframes, self.marginal_prior = problem, keyframes, marginal_prior
+        measurements, parameters = problem.measurements, problem.parameters
+        active_users, reference = problem.active_users, problem.reference
         self.calibrations = active_users
         """Whose devices are variables."""
-        self.active_users, self.reference = active_users, reference
-        self.free = [u for u in active_users if u != reference]
-        self.parameters, self.marginal_prior = parameters, marginal_prior
         known = [] if marginal_prior is None else marginal_prior.users
         # Users without a marginal prior; and users whose heights have the prior about the mean height.
         self._new = [u for u in active_users if u not in known]
@@ -85,25 +93,64 @@ class PoseGraph:
         self._loss: NlosMixture = nlos_mixture(parameters)
         self._height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
         self._pose_cache = PoseCache()
-        self.read_antennas(np.zeros(len(self.users)))
+        self._read_antennas(np.zeros(len(self.users)))
+
+    @property
+    def users(self) -> tuple[User, ...]:
+        """All k users of the recording."""
+        return self.problem.users
+
+    @property
+    def active_users(self) -> list[int]:
+        """The users in the graph, the reference among them."""
+        return self.problem.active_users
+
+    @property
+    def reference(self) -> int:
+        """The user whose frame is the common one."""
+        return self.problem.reference
+
+    @property
+    def free(self) -> list[int]:
+        """The active users but the reference."""
+        return self.problem.free
+
+    @property
+    def measurements(self) -> RangeMeasurements:
+        """The n ranges."""
+        return self.problem.measurements
+
+    @property
+    def parameters(self) -> Parameters:
+        """The model's noise, priors and thresholds."""
+        return self.problem.parameters
 
     def _drifting(self) -> list[int]:
         """The users that have steps."""
         return [u for u in self.active_users if len(self.keyframes[u]) > 1]
 
-    def read_antennas(self, clock_offset: Array) -> None:
-        """Read antenna positions from the tracks at clock offsets (k,) s; clock variables count from these."""
-        s = self.measurements
+    def with_antennas_at(self, clock_offset: Array) -> Self:
+        """The same graph with antenna positions read from the tracks at clock offsets (k,) s.
+
+        Its clock variables count from these.
+        """
+        out = copy(self)
+        out._read_antennas(clock_offset)
+        return out
+
+    def _read_antennas(self, clock_offset: Array) -> None:
+        """Set what depends on the clock offsets (k,) s, in a graph that nobody else holds yet."""
+        recording, s = self.problem.recording, self.measurements
         self._clock = clock_offset.copy()
         self._ends: tuple[RangeEnds, RangeEnds] = (
-            range_ends(self.recording, s, s.i, self.keyframes, clock_offset),
-            range_ends(self.recording, s, s.j, self.keyframes, clock_offset),
+            range_ends(recording, s, s.i, self.keyframes, clock_offset),
+            range_ends(recording, s, s.j, self.keyframes, clock_offset),
         )
         i, j = self._ends
         changes = np.diff(s.i) | np.diff(s.j) | np.diff(i.keyframe) | np.diff(j.keyframe)
         self._bounds = np.unique(np.concatenate([[0], np.flatnonzero(changes) + 1, [len(s)]]))
 
-    def with_keyframes(self, keyframes: list[Keyframes]) -> PoseGraph:
+    def with_keyframes(self, keyframes: list[Keyframes]) -> Self:
         """The same graph with other step sigmas; `keyframes` differ from its own in nothing else."""
         out = copy(self)
         out.keyframes = keyframes
@@ -129,6 +176,10 @@ class PoseGraph:
     def to_rigid_ranges(self, states: States) -> RangeMeasurements:
         """The ranges for a rigid model: antennas corrected for drift, scale and clock, distances for radio bias."""
         return replace(to_rigid_ranges(self.measurements, states, self._ends, self._clock), sigma=self.sigma)
+
+    def rigid_problem(self, states: States) -> Problem:
+        """The problem of a rigid model at these states: the same users with `to_rigid_ranges`."""
+        return self.problem.with_measurements(self.to_rigid_ranges(states))
 
     def inlier_probability(self, states: States, em_weights: EmWeights) -> tuple[Array, Array]:
         """(n,) each: the weight that the loss gives each range, and the probability that it is line-of-sight."""
@@ -196,7 +247,7 @@ class PoseGraph:
         """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
         whitened = self.residuals(states) / self.sigma
         _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self._loss)
-        links = _links(self.recording, self.measurements)
+        links = _links(self.problem.recording, self.measurements)
         return replace(
             em_weights,
             range_weight=measured_range_weights(
@@ -245,12 +296,12 @@ class PoseGraph:
         annealing: float = 1.0,
         known: Callable[[States], bool] | None = None,
         hopeless: float = np.inf,
-    ) -> tuple[States, EmWeights, float]:
-        """States, EM weights and cost at a local optimum: optimises the states and re-estimates the weights in turn.
+    ) -> LocalOptimum:
+        """The local optimum reached from states: optimises the states and re-estimates the weights in turn.
 
-        Expectation maximisation; stops when a round lowers the cost by less than the graph's gain, or after `rounds`;
-        or when, after a round, the states are `known` (the cost returned is then that before it) or cost more than
-        `hopeless`.
+        Expectation maximisation; antenna positions are read again where clock offsets have changed. Stops when a round
+        lowers the cost by less than the graph's gain, or after `rounds`; or when, after a round, the states are `known`
+        (the cost returned is then that before it) or cost more than `hopeless`.
         """
         return finish(self.running_em(states, em_weights, rounds, annealing, known=known, hopeless=hopeless))
 
@@ -263,27 +314,27 @@ class PoseGraph:
         steps_a_round: int = _ITERATIONS,
         known: Callable[[States], bool] | None = None,
         hopeless: float = np.inf,
-    ) -> Cooperative[tuple[States, EmWeights, float]]:
+    ) -> Cooperative[LocalOptimum]:
         """`run_em` as a cooperative task; near an optimum fewer `steps_a_round` are enough."""
-        about, before, gain = states.anchor_poses, np.inf, self._gain
+        graph, about, before, gain = self, states.anchor_poses, np.inf, self._gain
         for _ in range(rounds):
-            if np.abs(states.calibration[:, CLOCK] - self._clock).max() > _STALE_CLOCK:
-                self.read_antennas(states.calibration[:, CLOCK])
+            if np.abs(states.calibration[:, CLOCK] - graph._clock).max() > _STALE_CLOCK:
+                graph = graph.with_antennas_at(states.calibration[:, CLOCK])
                 yield
             if known is not None and before < np.inf and known(states):
-                return states, em_weights, before
-            em_weights, cost = self.e_step(states, em_weights)
+                return LocalOptimum(graph, states, em_weights, before)
+            em_weights, cost = graph.e_step(states, em_weights)
             if before - cost < gain or hopeless < cost < before < np.inf:
-                return states, em_weights, cost
+                return LocalOptimum(graph, states, em_weights, cost)
             before = cost
-            factors = self.factors(about, em_weights, annealing)
+            factors = graph.factors(about, em_weights, annealing)
             yield
-            values, ordering = self.values(states), self.ordering()
+            values, ordering = graph.values(states), graph.ordering()
             values = yield from optimizing(factors, values, ordering, steps_a_round, 0.25 * gain, self._pose_cache)
-            states = self.states(values, states)
+            states = graph.states(values, states)
             yield
-        em_weights, cost = self.e_step(states, em_weights)
-        return states, em_weights, cost
+        em_weights, cost = graph.e_step(states, em_weights)
+        return LocalOptimum(graph, states, em_weights, cost)
 
     def factors(
         self, about: Array, em_weights: EmWeights, annealing: float = 1.0, height_curvature: Array | None = None

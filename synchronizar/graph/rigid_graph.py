@@ -14,12 +14,11 @@ import numpy as np
 
 from synchronizar._core import RangeBlock, UserPose, search_heights
 from synchronizar.arrays import Array
-from synchronizar.data.recording import Recording
 from synchronizar.graph import keys
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
 from synchronizar.graph.states import States
-from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.centering import centered
 from synchronizar.preprocessing.keyframes import standing_at
 from synchronizar.preprocessing.range_measurements import Pair, RangeMeasurements, pairs
@@ -28,23 +27,14 @@ _GAIN = 0.005  # of log likelihood: what gains less changes nothing that could b
 
 
 class RigidGraph(PoseGraph):
-    """The graph of some measurements; each user's frame is about its anchor."""
+    """The graph of a problem; each user's frame is about its anchor."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        measurements: RangeMeasurements,
-        anchors: Array,
-        active_users: list[int],
-        reference: int,
-        parameters: Parameters,
-    ):
-        """`anchors` (k, 3) m in the users' own frames; `active_users` as `PoseGraph` has it."""
-        self._about_anchors = centered(measurements, anchors)
-        keyframes = [standing_at(anchor) for anchor in anchors]
-        super().__init__(recording, measurements, keyframes, active_users, reference, parameters)
+    def __init__(self, problem: Problem, anchors: Array):
+        """`anchors` (k, 3) m in the users' own frames."""
+        self._about_anchors = centered(problem.measurements, anchors)
+        super().__init__(problem, [standing_at(anchor) for anchor in anchors])
         self.calibrations = []
-        self.sigma, self._gain = measurements.sigma, _GAIN
+        self.sigma, self._gain = problem.measurements.sigma, _GAIN
         s = self._about_anchors
         self._blocks: list[tuple[Pair, RangeBlock]] = []
         for pair in pairs(s):
@@ -55,12 +45,12 @@ class RigidGraph(PoseGraph):
     def with_nlos_odds(self, nlos_odds: Array) -> RigidGraph:
         """The same graph, each range's prior NLOS odds (n,) being these."""
         out = copy(self)
-        out.measurements = replace(self.measurements, nlos_odds=nlos_odds)
+        out.problem = self.problem.with_measurements(replace(self.measurements, nlos_odds=nlos_odds))
         out._about_anchors = replace(self._about_anchors, nlos_odds=nlos_odds)
         out._blocks = self._blocks_with(nlos_odds)
         return out
 
-    def read_antennas(self, clock_offset: Array) -> None:
+    def _read_antennas(self, clock_offset: Array) -> None:
         """The measurements have them; clocks are right."""
         self._clock = np.zeros_like(clock_offset)
 

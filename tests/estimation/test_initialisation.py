@@ -10,10 +10,10 @@ from support.solver_scenes import off_in_plane, own_points, recording_of, track_
 
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.initialisation import Candidate, connected, joint_placements, placements_in_parts
+from synchronizar.estimation.initialisation import Candidate, joint_placements, placements_in_parts
 from synchronizar.geometry import YawFrame
+from synchronizar.graph.problem import Problem
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
 MODEL = Parameters()
@@ -22,10 +22,9 @@ seeds = st.integers(0, 2**31 - 1)
 
 
 def hypotheses(recording: Recording, reference: int = 0) -> list[Candidate]:
-    measurements = range_measurements(recording, MODEL)
-    placed = connected(measurements, len(recording.users), reference)
-    assert placed == list(range(len(recording.users)))
-    return joint_placements(measurements, recording.users, placed, reference, MODEL)
+    problem = Problem.of(recording, reference, MODEL)
+    assert problem.active_users == list(range(len(recording.users)))
+    return joint_placements(problem)
 
 
 def farthest(simulation: Simulation, hypothesis: Candidate, reference: int = 0) -> float:
@@ -141,29 +140,9 @@ def test_the_reference_alone_is_one_hypothesis() -> None:
     np.testing.assert_array_equal(only.frames, np.zeros((1, 4)))
 
 
-@given(seed=seeds, users=st.integers(2, 9), links=st.integers(0, 9))
-@settings(derandomize=True, deadline=None, max_examples=60)
-def test_connected_are_those_that_a_chain_of_ranges_reaches(seed: int, users: int, links: int) -> None:
-    random = np.random.default_rng(seed)
-    names = [f"u{k}" for k in range(users)]
-    ends = [random.choice(users, 2, replace=False) for _ in range(links)]
-    still = track_of(np.arange(3.0), np.zeros((3, 3)))
-    rows = [(1.0, names[a], names[b], 1.0) for a, b in ends]
-    measurements = range_measurements(recording_of(dict.fromkeys(names, still), rows), MODEL)
-    touches = np.eye(users)
-    for a, b in ends:
-        touches[a, b] = touches[b, a] = 1.0
-    reaches = np.linalg.matrix_power(touches, users) > 0.0
-    for reference in range(users):
-        assert connected(measurements, users, reference) == np.flatnonzero(reaches[reference]).tolist()
-
-
 def test_parts_of_a_walk_whose_ranges_are_half_nlos_place_everybody_and_are_the_same_each_time() -> None:
     simulation = simulate(Scene(users=2, late_share=0.5, seed=3))
-    measurements = range_measurements(simulation.recording, MODEL)
-    found, again = (
-        list(placements_in_parts(measurements, simulation.recording.users, [0, 1], 0, MODEL)) for _ in range(2)
-    )
+    found, again = (list(placements_in_parts(Problem.of(simulation.recording, 0, MODEL))) for _ in range(2))
     assert MODEL.search.parts < len(found) <= MODEL.search.parts * MODEL.search.most_followed
     assert min(farthest(simulation, candidate) for candidate in found) < 0.5
     for one, other in zip(found, again, strict=True):

@@ -15,8 +15,8 @@ from synchronizar.data.registration import State
 from synchronizar.data.track import Track
 from synchronizar.estimation.register import register
 from synchronizar.estimation.segments import _first_segment, coarse_interval
+from synchronizar.graph.problem import Problem
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.reporting.evaluate import evaluate
 from synchronizar.simulation.simulate import Scene, simulate
 
@@ -61,7 +61,7 @@ def test_somebody_who_comes_after_the_first_stretch_is_placed(seed: int) -> None
     """Who leaves early keeps the first stretch early: it is where the most users hang together, the earliest such."""
     simulation = simulate(Scene(users=4, seconds=100.0, seed=seed))
     recording = without(without(simulation.recording, "phone3", 0.0, 40.0), "phone2", 60.0, 101.0)
-    assert _first_segment(range_measurements(recording, SHORT), 4, 0, SHORT)[1] < 60.0
+    assert _first_segment(Problem.of(recording, 0, SHORT))[1] < 60.0
     registration, whole = register(recording, parameters=SHORT), register(recording, parameters=WHOLE)
     assert [user.state for user in registration.users.values()] == [user.state for user in whole.users.values()]
     found = offs(simulation, registration)
@@ -75,8 +75,7 @@ def test_somebody_who_comes_after_the_first_stretch_is_placed(seed: int) -> None
 def test_a_reference_that_comes_late_is_where_growing_begins(seed: int) -> None:
     simulation = simulate(Scene(users=3, seconds=100.0, late_joiners=1, seed=seed))
     recording = simulation.recording
-    measurements = range_measurements(recording, SHORT)
-    begin, end = _first_segment(measurements, 3, 2, SHORT)
+    begin, end = _first_segment(Problem.of(recording, 2, SHORT))
     assert end - begin == pytest.approx(20.0)
     assert end > 50.0
     registration = register(recording, reference="phone2", parameters=SHORT)
@@ -96,16 +95,18 @@ def test_a_pair_that_meets_the_reference_only_after_the_first_stretch_is_tied_al
 
 
 def test_the_first_stretch_is_the_whole_of_a_recording_of_two() -> None:
-    measurements = range_measurements(simulate(Scene(seconds=39.0, seed=0)).recording, SHORT)
-    assert _first_segment(measurements, 2, 0, SHORT) == (-np.inf, np.inf)
-    longer = range_measurements(simulate(Scene(seconds=42.0, seed=0)).recording, SHORT)
-    begin, end = _first_segment(longer, 2, 0, SHORT)
+    problem = Problem.of(simulate(Scene(seconds=39.0, seed=0)).recording, 0, SHORT)
+    assert _first_segment(problem) == (-np.inf, np.inf)
+    longer = Problem.of(simulate(Scene(seconds=42.0, seed=0)).recording, 0, SHORT)
+    begin, end = _first_segment(longer)
     assert end - begin == pytest.approx(SHORT.search.first_stretch)
 
 
 def test_keyframes_are_far_apart_while_placements_are_compared() -> None:
     """Twenty in the first stretch, and none closer than those of the answer."""
-    measurements = range_measurements(simulate(Scene(seconds=38.0, seed=0)).recording, SHORT)
-    assert coarse_interval(measurements, WHOLE) == pytest.approx(float(np.ptp(measurements.t)) / 20.0)
-    assert coarse_interval(measurements, SHORT) == SHORT.slam.keyframe_interval
-    assert coarse_interval(measurements[np.zeros(0, dtype=np.int32)], WHOLE) == WHOLE.slam.keyframe_interval
+    recording = simulate(Scene(seconds=38.0, seed=0)).recording
+    whole = Problem.of(recording, 0, WHOLE)
+    ranges = whole.measurements
+    assert coarse_interval(whole) == pytest.approx(float(np.ptp(ranges.t)) / 20.0)
+    assert coarse_interval(Problem.of(recording, 0, SHORT)) == SHORT.slam.keyframe_interval
+    assert coarse_interval(whole.with_measurements(ranges[:0])) == WHOLE.slam.keyframe_interval

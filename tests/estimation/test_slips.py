@@ -13,16 +13,15 @@ from synchronizar.data.jump import Jump
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.data.track import Track
-from synchronizar.estimation.initialisation import connected
 from synchronizar.estimation.register import register
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import relaid, slips
 from synchronizar.geometry import apply_frames, rotation_2d
 from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import keyframes_of
-from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.preprocessing.relocalizations import repair_relocalizations
 from synchronizar.quaternions import multiply_quaternions
 from synchronizar.reporting.evaluate import evaluate
@@ -86,14 +85,14 @@ def test_walks_without_a_slip_tell_none(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_walks_that_are_in_place_are_not_laid_anew(seed: int) -> None:
     recording = simulate(Scene(users=3, seconds=40.0, seed=seed)).recording
-    measurements, placed = range_measurements(recording, MODEL), [0, 1, 2]
-    assert connected(measurements, 3, 0) == placed
+    problem = Problem.of(recording, 0, MODEL)
+    assert problem.active_users == [0, 1, 2]
     keyframes = [
-        keyframes_of(repair_relocalizations(t, MODEL), coarse_interval(measurements, MODEL), MODEL)
+        keyframes_of(repair_relocalizations(t, MODEL), coarse_interval(problem), MODEL)
         for t in recording.tracks.values()
     ]
-    best = search_and_grow(recording, measurements, keyframes, placed, 0, MODEL)[0]
-    assert list(relaid(best.graph, best.states, MODEL)) == []
+    best = search_and_grow(problem, keyframes)[0]
+    assert list(relaid(best.graph, best.states)) == []
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -103,7 +102,7 @@ def test_what_follows_a_slip_is_laid_where_it_was(seed: int) -> None:
     clean = simulation.recording.tracks
     recording = replace(simulation.recording, tracks={**clean, "phone1": slipped(clean["phone1"], SLIP_TURN)})
     keyframes = [keyframes_of(repair_relocalizations(track, MODEL), 2.0, MODEL) for track in recording.tracks.values()]
-    graph = PoseGraph(recording, range_measurements(recording, MODEL), keyframes, [0, 1, 2], 0, MODEL)
+    graph = PoseGraph(Problem.of(recording, 0, MODEL), keyframes)
     # Every own frame begins at its first pose, so the anchor is its origin.
     walks = graph.initial_states(true_frames(simulation, "phone0"))
     truth = simulation.world_from_user["phone0"].inverse() @ simulation.world_from_user["phone1"]
@@ -114,7 +113,7 @@ def test_what_follows_a_slip_is_laid_where_it_was(seed: int) -> None:
         laid = apply_frames(np.broadcast_to(of.anchor_poses[1], (len(true), 4)), of.keyframe_poses[1][:, :3])
         return float(np.sqrt(((laid - true)[:, :2] ** 2).sum(axis=1).mean()))
 
-    elsewhere = list(relaid(graph, walks, MODEL))
+    elsewhere = list(relaid(graph, walks))
     assert 1 <= len(elsewhere) <= 3
     assert off(walks) > 1.0
     assert off(elsewhere[0]) < 0.6 * off(walks)
@@ -137,7 +136,7 @@ def straight() -> tuple[Recording, PoseGraph, States]:
     }
     recording = recording_of(tracks, [(s, "a", "b", 3.0) for s in np.arange(0.5, 12.0, 0.5).tolist()])
     keyframes = [keyframes_of(repair_relocalizations(track, MODEL), 1.0, MODEL) for track in recording.tracks.values()]
-    graph = PoseGraph(recording, range_measurements(recording, MODEL), keyframes, [0, 1], 0, MODEL)
+    graph = PoseGraph(Problem.of(recording, 0, MODEL), keyframes)
     return recording, graph, graph.initial_states(np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 3.0, 0.0, 0.0]]))
 
 

@@ -15,7 +15,8 @@ from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.graph import keys
 from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.marginals import errors_of, marginalized, marginals
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import keyframes_of
@@ -219,7 +220,9 @@ def graph_of(recording: Recording, marginal_prior: MarginalPrior | None = None) 
     keyframes = [
         keyframes_of(repair_relocalizations(recording.tracks[u.name], MODEL), 1.0, MODEL) for u in recording.users
     ]
-    return PoseGraph(recording, range_measurements(recording, MODEL), keyframes, [0, 1, 2], 0, MODEL, marginal_prior)
+    return PoseGraph(
+        Problem(recording, range_measurements(recording, MODEL), [0, 1, 2], 0, MODEL), keyframes, marginal_prior
+    )
 
 
 def true_frames(simulation: Simulation, graph: PoseGraph) -> Array:
@@ -230,9 +233,8 @@ def true_frames(simulation: Simulation, graph: PoseGraph) -> Array:
     return np.column_stack([YawFrame(yaw=-yaw[0]) @ (anchors - anchors[0]), wrap_angle(yaw - yaw[0])])
 
 
-def solved(graph: PoseGraph, states: States) -> tuple[States, EmWeights]:
-    states, em_weights, _ = graph.run_em(states, graph.initial_em_weights(), 12)
-    return states, em_weights
+def solved(graph: PoseGraph, states: States) -> LocalOptimum:
+    return graph.run_em(states, graph.initial_em_weights(), 12)
 
 
 def beside_the_reference(graph: PoseGraph, states: States) -> Array:
@@ -261,18 +263,21 @@ def test_two_halves_of_a_walk_end_where_the_whole_does_and_as_sure(seed: int) ->
     simulation = simulate(replace(SCENE, seed=seed))
     recording = simulation.recording
     whole = graph_of(recording)
-    expected, em_weights = solved(whole, whole.initial_states(true_frames(simulation, whole)))
+    whole, expected, em_weights, _ = solved(whole, whole.initial_states(true_frames(simulation, whole)))
     sure = marginals(whole, expected, em_weights)
 
     first = graph_of(cut(recording, -np.inf, HALF))
-    states, of_first = solved(first, first.initial_states(true_frames(simulation, first)))
+    first, states, of_first, _ = solved(first, first.initial_states(true_frames(simulation, first)))
     marginal_prior = marginalized(first, states, finish(errors_of(first, states, of_first)), own_heights(first))
     second = graph_of(cut(recording, HALF, np.inf), marginal_prior)
     assert len(first.measurements) + len(second.measurements) > 0.97 * len(whole.measurements)
-    found, of_second = solved(second, second.initial_states(marginal_prior.frames, marginal_prior.calibration))
+    second, found, of_second, _ = solved(
+        second, second.initial_states(marginal_prior.frames, marginal_prior.calibration)
+    )
     found_sure = marginals(second, found, of_second)
     by_itself = graph_of(cut(recording, HALF, np.inf))
-    by_itself_sure = marginals(by_itself, *solved(by_itself, by_itself.initial_states(marginal_prior.frames)))
+    by_itself, states, of_second, _ = solved(by_itself, by_itself.initial_states(marginal_prior.frames))
+    by_itself_sure = marginals(by_itself, states, of_second)
 
     away = beside_the_reference(second, found) - beside_the_reference(whole, expected)
     for u in (1, 2):
@@ -292,7 +297,7 @@ def test_its_covariance_is_that_of_the_whole_graph() -> None:
     """A dense inverse of all variables' information, and what is carried by finite differences."""
     simulation = simulate(replace(SCENE, seconds=6.0, clock_offset_sigma=0.05))
     graph = graph_of(simulation.recording)
-    states, em_weights, _ = graph.run_em(
+    graph, states, em_weights, _ = graph.run_em(
         graph.initial_states(true_frames(simulation, graph)), graph.initial_em_weights(), 4
     )
     em_weights = replace(em_weights, range_weight=np.full(len(graph.measurements), 0.5))
@@ -336,7 +341,7 @@ def test_its_covariance_is_that_of_the_whole_graph() -> None:
 def test_clocks_that_may_have_drifted_are_known_less_and_nothing_else_is() -> None:
     simulation = simulate(SCENE)
     graph = graph_of(simulation.recording)
-    states, em_weights, _ = graph.run_em(
+    graph, states, em_weights, _ = graph.run_em(
         graph.initial_states(true_frames(simulation, graph)), graph.initial_em_weights(), 4
     )
     marginal_prior = marginalized(graph, states, finish(errors_of(graph, states, em_weights)), own_heights(graph))

@@ -17,6 +17,7 @@ from synchronizar.graph import keys
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.optimization import optimize
 from synchronizar.graph.priors import bursts_of, height_sigma_of
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs, range_measurements
@@ -123,9 +124,9 @@ def test_estimates_from_400_redraws_of_the_noise_scatter_as_the_covariance_says(
     errors = []
     for _ in range(400):
         drawn = replace(measurements, distance=true + random.normal(0.0, 0.1, len(measurements)))
-        of_draw = RigidGraph(graph.recording, drawn, np.zeros((3, 3)), [0, 1, 2], 0, SQUARED)
+        of_draw = RigidGraph(graph.problem.with_measurements(drawn), np.zeros((3, 3)))
         errors.append(difference(most_likely(of_draw, frames), frames))
-    clean = RigidGraph(graph.recording, replace(measurements, distance=true), np.zeros((3, 3)), [0, 1, 2], 0, SQUARED)
+    clean = RigidGraph(graph.problem.with_measurements(replace(measurements, distance=true)), np.zeros((3, 3)))
     expected = covariances(clean, frames)
     plane = [0, 1, 3]
     for u in (1, 2):
@@ -140,9 +141,9 @@ def test_estimates_from_400_redraws_of_the_noise_scatter_as_the_covariance_says(
 def lonely(*users: User, active_users: list[int] | None = None, reference: int = 0) -> RigidGraph:
     """Users that know of each other only what is known of anybody."""
     recording = Recording(users, {}, Ranges.of(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0)))
-    everybody, nothing = list(range(len(users))), np.zeros((len(users), 3))
-    samples = range_measurements(recording, MODEL)
-    return RigidGraph(recording, samples, nothing, active_users or everybody, reference, MODEL)
+    active_users = active_users or list(range(len(users)))
+    problem = Problem(recording, range_measurements(recording, MODEL), active_users, reference, MODEL)
+    return RigidGraph(problem, np.zeros((len(users), 3)))
 
 
 def test_before_any_range_two_equal_devices_lie_one_height_sigma_apart() -> None:
@@ -244,9 +245,9 @@ def test_residuals_are_predicted_minus_measured_in_the_order_of_the_measurements
 
 def test_frames_about_anchors_leave_the_residuals_as_they_are_about_the_origins() -> None:
     simulation = late_walk(5)
-    measurements, graph = rigid_graph(simulation.recording)
+    _, graph = rigid_graph(simulation.recording)
     frames, anchors = true_frames(simulation, "phone0"), np.array([[3.0, -1.0, 0.0], [7.0, 2.0, 0.0], [-4.0, 5.0, 0.0]])
-    about = RigidGraph(simulation.recording, measurements, anchors, [0, 1, 2], 0, MODEL)
+    about = RigidGraph(graph.problem, anchors)
     c, s = np.cos(frames[:, 3]), np.sin(frames[:, 3])
     moved = frames.copy()  # each anchor in the common frame, whose origin is then the reference's anchor
     moved[:, 0] += c * anchors[:, 0] - s * anchors[:, 1] - anchors[0, 0]
@@ -271,14 +272,14 @@ def test_who_has_come_to_a_known_optimum_is_followed_no_further() -> None:
     simulation = late_walk(6)
     _, graph = rigid_graph(simulation.recording)
     start = graph.initial_states(noisy(true_frames(simulation, "phone0"), 6))
-    _, _, begun = graph.run_em(start, graph.initial_em_weights(), 0)
-    states, _, cost = graph.run_em(start, graph.initial_em_weights(), 10, known=lambda _: True)
-    once, _, after = graph.run_em(start, graph.initial_em_weights(), 1)
-    np.testing.assert_array_equal(states.anchor_poses, once.anchor_poses)
-    assert cost == begun  # that of the known optimum is not looked at again
-    states, _, cost = graph.run_em(start, graph.initial_em_weights(), 10, hopeless=after - 1.0)
-    np.testing.assert_array_equal(states.anchor_poses, once.anchor_poses)
-    assert cost == after
+    begun = graph.run_em(start, graph.initial_em_weights(), 0)
+    found = graph.run_em(start, graph.initial_em_weights(), 10, known=lambda _: True)
+    once = graph.run_em(start, graph.initial_em_weights(), 1)
+    np.testing.assert_array_equal(found.states.anchor_poses, once.states.anchor_poses)
+    assert found.cost == begun.cost  # that of the known optimum is not looked at again
+    found = graph.run_em(start, graph.initial_em_weights(), 10, hopeless=once.cost - 1.0)
+    np.testing.assert_array_equal(found.states.anchor_poses, once.states.anchor_poses)
+    assert found.cost == once.cost
 
 
 def test_the_reference_alone_makes_an_empty_graph() -> None:

@@ -20,6 +20,7 @@ from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.priors import nlos_mixture
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States
 from synchronizar.parameters import Parameters
@@ -78,7 +79,8 @@ def rigid_graph(
     """The samples of a recording in which everybody is placed, and their graph."""
     model = model or Parameters()
     samples, k = range_measurements(recording, model), len(recording.users)
-    return samples, RigidGraph(recording, samples, np.zeros((k, 3)), list(range(k)), reference, model)
+    problem = Problem(recording, samples, list(range(k)), reference, model)
+    return samples, RigidGraph(problem, np.zeros((k, 3)))
 
 
 def true_frames(simulation: Simulation, reference: str) -> Array:

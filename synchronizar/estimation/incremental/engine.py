@@ -29,14 +29,13 @@ from synchronizar.estimation.incremental.solution import Solution
 from synchronizar.estimation.incremental.stream import Stream, Stretch
 from synchronizar.estimation.incremental.window import Window
 from synchronizar.estimation.incremental.window_state import Checkpoint, Memory, beginning, load, save
-from synchronizar.estimation.initialisation import connected
-from synchronizar.estimation.local_optima import LocalOptimum
 from synchronizar.geometry import YawFrame, moved_frames, rotation_2d, wrap_angle
 from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.marginals import Errors, Marginals, errors_of, marginalized, marginals_of
+from synchronizar.graph.pose_graph import LocalOptimum
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import SCALE
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions
 
@@ -258,28 +257,18 @@ class Engine:
             yield
             repaired_tracks[name] = repair_relocalizations(track, m)
         repaired = replace(stretch.recording, tracks={name: of.track for name, of in repaired_tracks.items()})
-        measurements = range_measurements(repaired, m)
-        active_users = connected(measurements, len(self.users), memory.gauge)
-        self._part(active_users)
+        problem = Problem.of(repaired, memory.gauge, m)
+        self._part(problem.active_users)
         last = None if searching and self._unknown() else self._last()
         if last is not None:
-            active_users = [u for u in active_users if u in last.graph.active_users]
-        measurements = measurements[np.isin(measurements.i, active_users) & np.isin(measurements.j, active_users)]
-        if len(measurements) < _SETTLED_ENOUGH:
+            problem = problem.among(last.graph.active_users)
+        active_users = problem.active_users
+        if len(problem.measurements) < _SETTLED_ENOUGH:
             return
         marginal_prior = _of(begin.marginal_prior, active_users, memory.known)
-        window = Window(
-            repaired,
-            repaired_tracks,
-            measurements,
-            active_users,
-            memory.gauge,
-            marginal_prior,
-            memory.noise,
-            memory.range_weight,
-        )
+        window = Window(problem, repaired_tracks, marginal_prior, memory.noise, memory.range_weight)
         yield
-        minima, noise = yield from window.minima(last, searching, m)
+        minima, noise = yield from window.minima(last, searching)
         yield
         memory.noise, memory.range_weight = noise, float(minima[0].em_weights.range_weight.mean())
         best = minima[0]

@@ -12,9 +12,8 @@ from synchronizar.data.recording import Recording
 from synchronizar.estimation.assessment import Assessment
 from synchronizar.estimation.incremental.stream import Stretch
 from synchronizar.estimation.incremental.window_state import Checkpoint
-from synchronizar.estimation.local_optima import LocalOptimum
 from synchronizar.geometry import apply_frames, moved_frames, rotation_2d, wrap_angle
-from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.states import SCALE, States, corrected
 from synchronizar.quaternions import multiply_quaternions, rotate_by_quaternions
 

@@ -8,16 +8,14 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.cooperative import Cooperative
-from synchronizar.data.recording import Recording
 from synchronizar.estimation.full import keyframes_of_all, solve
 from synchronizar.estimation.initialisation import Candidate, extend
-from synchronizar.estimation.local_optima import LocalOptimum, compare, find_optima
+from synchronizar.estimation.local_optima import compare, find_optima
 from synchronizar.estimation.segments import coarse_interval, ties
 from synchronizar.graph.marginal_prior import MarginalPrior
-from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
+from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States, interpolated
-from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import RangeMeasurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack
 
 _STEPS = 3  # of a solution that is followed: it is near already
@@ -27,14 +25,9 @@ _STEPS = 3  # of a solution that is followed: it is near already
 class Window:
     """What is known of a stretch of time before it is solved."""
 
-    repaired: Recording
-    """With mended tracks."""
+    problem: Problem
+    """The reference is the user beside whom the others are placed in this window."""
     repaired_tracks: dict[str, RepairedTrack]
-    measurements: RangeMeasurements
-    active_users: list[int]
-    """Whom ranges tie together."""
-    gauge: int
-    """Beside whom the others are placed."""
     marginal_prior: MarginalPrior | None
     """What earlier ranges told of some of them."""
     noise: Array
@@ -42,24 +35,21 @@ class Window:
     range_weight: float
     """Of a range, as it was found before."""
 
-    def minima(
-        self, last: LocalOptimum | None, others: bool, parameters: Parameters
-    ) -> Cooperative[tuple[list[LocalOptimum], Array]]:
+    def minima(self, last: LocalOptimum | None, others: bool) -> Cooperative[tuple[list[LocalOptimum], Array]]:
         """Best first, and how noisy each SLAM is taken to be.
 
         `last` is the solution of a window that began where this one does, of all that are in this one. From it, or from
         what is carried, all are followed; `others` says to look also for other minima near, and for mirror images.
         """
         if self.marginal_prior is None and last is None:
-            solved = solve(self.repaired, self.repaired_tracks, self.gauge, parameters)
+            solved = solve(self.problem, self.repaired_tracks)
             return solved.minima, solved.noise
-        long = float(np.ptp(self.measurements.t)) > 2.0 * parameters.incremental.window
-        interval = coarse_interval(self.measurements, parameters) if long else parameters.slam.keyframe_interval
-        keyframes = keyframes_of_all(self.repaired, self.repaired_tracks, interval, parameters, self.noise)
+        parameters = self.problem.parameters
+        long = float(np.ptp(self.problem.measurements.t)) > 2.0 * parameters.incremental.window
+        interval = coarse_interval(self.problem) if long else parameters.slam.keyframe_interval
+        keyframes = keyframes_of_all(self.problem, self.repaired_tracks, interval, self.noise)
         yield
-        graph = PoseGraph(
-            self.repaired, self.measurements, keyframes, self.active_users, self.gauge, parameters, self.marginal_prior
-        )
+        graph = PoseGraph(self.problem, keyframes, self.marginal_prior)
         yield
         if last is not None:
             starts = [interpolated(last.states, last.graph.keyframes, keyframes)]
@@ -67,36 +57,36 @@ class Window:
             marginal_prior = self.marginal_prior
             assert marginal_prior is not None
             begun = graph.initial_states(marginal_prior.frames, marginal_prior.calibration)
-            known = set(self.active_users) <= set(marginal_prior.users)
-            starts = [begun] if known else _joined(graph, begun, marginal_prior, parameters)
+            known = set(graph.active_users) <= set(marginal_prior.users)
+            starts = [begun] if known else _joined(graph, begun, marginal_prior)
             others = others or not known
         if not others:
             return (yield from _followed(graph, starts[0], self.range_weight)), self.noise
-        found = find_optima(graph, starts, parameters)
-        (best,) = yield from _followed(graph, found[0].states, self.range_weight)
-        return compare(found, best, parameters), self.noise
+        found = find_optima(graph, starts)
+        (best,) = yield from _followed(found[0].graph, found[0].states, self.range_weight)
+        return compare(found, best), self.noise
 
 
 def _followed(graph: PoseGraph, states: States, range_weight: float) -> Cooperative[list[LocalOptimum]]:
     """The minimum that walks lead to; ranges were worth so much before."""
     before = replace(graph.initial_em_weights(), range_weight=np.full(len(graph.measurements), range_weight))
-    states, em_weights, _ = yield from graph.running_em(states, before, 1, steps_a_round=_STEPS)
+    graph, states, em_weights, _ = yield from graph.running_em(states, before, 1, steps_a_round=_STEPS)
     yield
     em_weights = graph.with_range_weights(states, em_weights)
-    return [LocalOptimum(graph, *(yield from graph.running_em(states, em_weights, 1, steps_a_round=_STEPS)))]
+    return [(yield from graph.running_em(states, em_weights, 1, steps_a_round=_STEPS))]
 
 
-def _joined(graph: PoseGraph, begun: States, marginal_prior: MarginalPrior, parameters: Parameters) -> list[States]:
+def _joined(graph: PoseGraph, begun: States, marginal_prior: MarginalPrior) -> list[States]:
     """Walks with those who are new wherever their ranges to all others allow."""
     frames = np.full_like(begun.anchor_poses, np.nan)
     frames[marginal_prior.users] = begun.anchor_poses[marginal_prior.users]
-    flat = graph.to_rigid_ranges(begun._replace(anchor_poses=np.nan_to_num(begun.anchor_poses)))
-    wide = replace(flat, sigma=np.hypot(flat.sigma, parameters.search.sigma))
+    begun_somewhere = begun._replace(anchor_poses=np.nan_to_num(begun.anchor_poses))
+    wide = graph.rigid_problem(begun_somewhere).widened(graph.parameters.search.sigma)
     alive = [Candidate(frames, 0.0)]
     coming = [u for u in graph.active_users if u not in marginal_prior.users]
     while coming:
         there = ~np.isnan(alive[0].frames[:, 0])
-        user = max(coming, key=lambda u: ties(wide, u, np.flatnonzero(there).tolist()))
+        user = max(coming, key=lambda u: ties(wide.measurements, u, np.flatnonzero(there).tolist()))
         coming.remove(user)
-        alive = extend(wide, alive, graph.users, user, parameters)
+        alive = extend(wide, alive, user)
     return [begun._replace(anchor_poses=h.frames) for h in alive]

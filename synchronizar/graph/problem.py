@@ -1,0 +1,80 @@
+"""The problem that a graph states and the search begins with: which ranges between which users, in whose frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from synchronizar.arrays import Mask
+from synchronizar.data.recording import Recording
+from synchronizar.data.user import User
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, range_measurements
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Find the frames of some users of a recording in the reference's, from n range measurements between them."""
+
+    recording: Recording
+    """With repaired tracks, unless SLAM is trusted."""
+    measurements: RangeMeasurements
+    """The n ranges, all of them between active users."""
+    active_users: list[int]
+    """Indices of the users whose frames are looked for, and of the reference among them; sorted."""
+    reference: int
+    """Index of the user whose frame is the common one."""
+    parameters: Parameters
+
+    @classmethod
+    def of(cls, recording: Recording, reference: int, parameters: Parameters) -> Problem:
+        """All usable ranges of a recording, between the users that a chain of them connects to the reference."""
+        measurements = range_measurements(recording, parameters)
+        everybody = list(range(len(recording.users)))
+        return cls(recording, measurements, everybody, reference, parameters).part(np.ones(len(measurements), bool))
+
+    @property
+    def users(self) -> tuple[User, ...]:
+        """All users of the recording, active or not."""
+        return self.recording.users
+
+    @property
+    def free(self) -> list[int]:
+        """The active users but the reference: those whose frames are unknown."""
+        return [u for u in self.active_users if u != self.reference]
+
+    def part(self, which: Mask) -> Problem:
+        """The same with the ranges `which` (n,) alone, between the users that these connect to the reference."""
+        chosen = self.measurements[which]
+        active_users = connected(chosen, len(self.users), self.reference)
+        return replace(self, measurements=chosen[np.isin(chosen.i, active_users)], active_users=active_users)
+
+    def among(self, users: list[int]) -> Problem:
+        """The same with the active users that are among `users` alone, and the ranges between these."""
+        left, ranges = [u for u in self.active_users if u in users], self.measurements
+        between = np.isin(ranges.i, left) & np.isin(ranges.j, left)
+        return replace(self, measurements=ranges[between], active_users=left)
+
+    def with_measurements(self, measurements: RangeMeasurements) -> Problem:
+        """The same users with other ranges between them."""
+        return replace(self, measurements=measurements)
+
+    def widened(self, sigma: float) -> Problem:
+        """The same with a further error of 1 sigma `sigma` (m) in each range: what a rigid model of SLAM leaves out."""
+        ranges = self.measurements
+        return self.with_measurements(replace(ranges, sigma=np.hypot(ranges.sigma, sigma)))
+
+
+def connected(measurements: RangeMeasurements, users: int, reference: int) -> list[int]:
+    """The users connected to the reference by a chain of ranges, itself included, sorted."""
+    reached = np.zeros(users, dtype=bool)
+    reached[reference] = True
+    links = np.unique(np.stack([measurements.i, measurements.j]), axis=1)
+    while True:
+        touched = reached[links].any(axis=0)
+        grown = reached.copy()
+        grown[links[:, touched].ravel()] = True
+        if (grown == reached).all():
+            return np.flatnonzero(reached).tolist()
+        reached = grown
