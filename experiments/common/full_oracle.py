@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from experiments.common.optimize import optimize
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame, apply_frames, difference, wrap_angle
-from synchronizar.graph.optimization import optimize
 from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import CLOCK, States, common_track

@@ -9,12 +9,12 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from experiments.common.optimize import optimize
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.register import register
 from synchronizar.geometry import difference
 from synchronizar.graph.marginals import marginals
-from synchronizar.graph.optimization import optimize
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters

@@ -4,20 +4,13 @@ import gtsam
 import numpy as np
 import pytest
 
+from experiments.common.optimize import optimize
 from synchronizar._core import Huber, RangeBlock, UserPose
 from synchronizar.arrays import Array
-from synchronizar.cooperative import finish
-from synchronizar.graph.optimization import optimizing
-from synchronizar.graph.range_factors import FixedUser, PoseCache, RangeBlockFactor, UserKeys
+from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
 
 FRAME, HEIGHT, X = 1, 2, 3
 PLACE, UP = (4.0, 3.0, -2.5), 0.4
-
-
-def optimize(
-    factors: gtsam.NonlinearFactorGraph, start: gtsam.Values, ordering: gtsam.Ordering, iterations: int, gain: float
-) -> gtsam.Values:
-    return finish(optimizing(factors, start, ordering, iterations, gain, PoseCache()))
 
 
 def ordering_of(*keys: int) -> gtsam.Ordering:

@@ -8,6 +8,7 @@ from support.reference_kernel import loss_value
 from support.solver_scenes import difference, distances, frames_of, recording_of, rigid_graph, track_of, true_frames
 from support.solver_scenes import register_rigid as register
 
+from experiments.common.optimize import optimize
 from synchronizar._core import NlosMixture, burst_nlos_odds
 from synchronizar.arrays import Array
 from synchronizar.data.ranges import Ranges
@@ -15,7 +16,6 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.graph import keys
 from synchronizar.graph.marginals import marginals
-from synchronizar.graph.optimization import optimize
 from synchronizar.graph.priors import bursts_of, height_sigma_of
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
