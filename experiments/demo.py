@@ -23,13 +23,13 @@ from synchronizar.simulation.simulate import Simulation, simulate
 
 SCENE = Scene(
     users=4,
-    seconds=60.0,
+    seconds=15.0,
     late_share=0.2,
-    scale_sigma=0.1,
+    scale_sigma=0.03,
     bias_sigma=0.05,
-    clock_offset_sigma=0.1,
-    drift_m_per_sqrt_s=0.02,
-    drift_rad_per_sqrt_s=0.01,
+    clock_offset_sigma=0.04,
+    drift_m_per_sqrt_s=0.01,
+    drift_rad_per_sqrt_s=0.005,
     jumps=1,
     seed=3,
 )
@@ -50,7 +50,7 @@ def main() -> None:
     registration = register(recording)
     write_registration(registration, recording, answer)
 
-    print(f"{SCENE.users} walkers, {SCENE.seconds:g} s, {simulation.late.mean():.0%} of the ranges late,")
+    print(f"{SCENE.users} walkers, {SCENE.seconds:g} s, {simulation.late.mean():.0%} of the ranges NLOS,")
     print("SLAM off in scale, drifting and jumping; frames beside the reference's at the end, m and degrees\n")
     print(ROW.format(*HEAD))
     for name in registration.users:
@@ -59,7 +59,7 @@ def main() -> None:
     print(f"\nall walks against the truth: {evaluation.joint_ate:.3f} m, in the plane {evaluation.joint_ate_xy:.3f} m")
     print("ranges: " + ", ".join(f"{count} {what}" for what, count in range_counts(registration.ranges).items()))
     right = registration.ranges.used != simulation.late
-    print(f"late ones told from honest ones: {right.mean():.1%} of {len(right)}")
+    print(f"NLOS ranges told from the others: {right.mean():.1%} of {len(right)}")
     print(f"picture: {plot(recording, answer, walk.name)}")
 
 
