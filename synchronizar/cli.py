@@ -366,7 +366,7 @@ def _evaluation_table(e: Evaluation) -> str:
         *((f"{name} in {e.reference}'s", e.transfer[name], e.transfer_xy[name], e.yaw[name]) for name in e.transfer),
     ]
     width = max(len(row[0]) for row in rows)
-    lines = [f"{'aligned':{width}}  RMSE (m)  in x, y (m)  yaw (deg)"]
+    lines = [f"{'aligned':{width}}  RMSE (m)  in x, y (m)  yaw (°)"]
     for what, rmse, rmse_xy, yaw in rows:
         turn = None if yaw is None else degrees(yaw)
         lines.append(f"{what:{width}}  {_cell(rmse, '.3f'):>8}  {_cell(rmse_xy, '.3f'):>11}  {_cell(turn, '+.2f'):>9}")

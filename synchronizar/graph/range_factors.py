@@ -38,7 +38,7 @@ class UserKeys(NamedTuple):
     pose: int | None = None
     """Pose2: a keyframe in the user's own frame; None where SLAM's poses are no variables."""
     local_height: int | None = None
-    """double (m): the keyframe's height; present where `pose` is."""
+    """double (m): the keyframe's height; None where it is 0."""
 
     def keys(self) -> list[int]:
         """The keys that are not None, in the order of the Jacobians."""
@@ -56,10 +56,13 @@ class UserKeys(NamedTuple):
     def read(self, values: gtsam.Values) -> UserPose:
         """The user's pose at these values."""
         frame, height = values.atPose2(self.frame), values.atDouble(self.height)
-        if self.pose is None or self.local_height is None:
-            return UserPose(frame.x(), frame.y(), frame.theta(), height)
-        pose, local_height = values.atPose2(self.pose), values.atDouble(self.local_height)
-        return UserPose(frame.x(), frame.y(), frame.theta(), height, pose.x(), pose.y(), pose.theta(), local_height)
+        x, y, yaw, local_height = 0.0, 0.0, 0.0, 0.0
+        if self.pose is not None:
+            pose = values.atPose2(self.pose)
+            x, y, yaw = pose.x(), pose.y(), pose.theta()
+        if self.local_height is not None:
+            local_height = values.atDouble(self.local_height)
+        return UserPose(frame.x(), frame.y(), frame.theta(), height, x, y, yaw, local_height)
 
 
 class FixedUser(NamedTuple):
@@ -145,6 +148,19 @@ def _columns(present: tuple[bool, ...], offset: int) -> list[slice]:
     return [slice(offset + a, offset + b) for there, (a, b) in zip(present, bounds, strict=True) if there]
 
 
+def _read(
+    values: gtsam.Values, pose: int | None, height: int | None, held: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
+    """x, y, yaw, height at these values; held where there is no key."""
+    x, y, yaw, z = held
+    if pose is not None:
+        at = values.atPose2(pose)
+        x, y, yaw = at.x(), at.y(), at.theta()
+    if height is not None:
+        z = values.atDouble(height)
+    return x, y, yaw, z
+
+
 class CalibratedUserKeys(NamedTuple):
     """The gtsam keys of a user whose device has a calibration; variables whose key is None are fixed."""
 
@@ -156,7 +172,7 @@ class CalibratedUserKeys(NamedTuple):
     """Pose2: a keyframe in the axes of the anchor, SLAM units."""
     local_height: int | None
     """double: the keyframe's height, SLAM units."""
-    device: int
+    calibration: int
     """Vector (3,): log scale, radio bias (m), clock offset (s) minus the one at which antennas were read."""
     held_frame: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     """x, y, yaw, height of the frame where `frame` is None."""
@@ -173,14 +189,9 @@ class CalibratedUserKeys(NamedTuple):
 
     def read(self, values: gtsam.Values) -> tuple[UserPose, Calibration]:
         """The user's pose and its device's calibration at these values."""
-        frame, local = self.held_frame, self.held_local
-        if self.frame is not None and self.height is not None:
-            at = values.atPose2(self.frame)
-            frame = (at.x(), at.y(), at.theta(), values.atDouble(self.height))
-        if self.pose is not None and self.local_height is not None:
-            at = values.atPose2(self.pose)
-            local = (at.x(), at.y(), at.theta(), values.atDouble(self.local_height))
-        return UserPose(*frame, *local), Calibration(*values.atVector(self.device))
+        frame = _read(values, self.frame, self.height, self.held_frame)
+        local = _read(values, self.pose, self.local_height, self.held_local)
+        return UserPose(*frame, *local), Calibration(*values.atVector(self.calibration))
 
 
 class PoseCache:

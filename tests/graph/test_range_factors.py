@@ -41,6 +41,8 @@ ENDS: dict[str, tuple[User, User]] = {
     "poses estimated": (I_MOVING, J_MOVING),
     "i's poses estimated": (I_MOVING, J_RIGID),
     "j's poses estimated": (I_RIGID, J_MOVING),
+    "i's keyframe without a height": (UserKeys(20, 9, pose=5), J_MOVING),
+    "i's keyframe a height alone": (UserKeys(20, 9, local_height=12), J_MOVING),
     "i fixed": (I_FIXED, J_MOVING),
     "j fixed": (I_MOVING, J_FIXED),
     "i fixed, poses trusted": (I_FIXED, J_RIGID),
@@ -128,6 +130,18 @@ def test_a_keyframe_lies_in_its_users_frame() -> None:
     anchor = FixedUser(UserPose(9.0, 0.0, 0.0, 2.0))
     factor = RangeFactor(I_MOVING, anchor, [1.0, 0.0, 0.75], [0.0, 0.0, 0.0], 1.9, NOISE)
     assert factor.unwhitenedError(values) == pytest.approx([0.1])
+
+
+def test_a_keyframe_without_a_height_lies_at_height_zero() -> None:
+    # Turned to the left by 90 degrees about (1, 2): the antenna at (3, 0, 0.5) lies at (1, 5, 0.5) of its user's frame.
+    i, j = UserKeys(1, 2, pose=3), FixedUser(UserPose())
+    values = gtsam.Values()
+    values.insert(1, gtsam.Pose2())
+    values.insert(2, 10.0)
+    values.insert(3, gtsam.Pose2(1.0, 2.0, np.pi / 2.0))
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, 1.0)
+    factor = RangeFactor(i, j, (3.0, 0.0, 0.5), (0.0, 0.0, 0.0), 0.0, noise)
+    assert factor.unwhitenedError(values)[0] == pytest.approx(np.sqrt(1.0 + 25.0 + 10.5**2))
 
 
 def test_a_range_factors_jacobians_are_the_numerical_ones(ends: tuple[User, User]) -> None:
