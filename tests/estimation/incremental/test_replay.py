@@ -266,7 +266,8 @@ def test_each_update_is_told_when_it_is_known() -> None:
 def test_the_registration_is_what_was_known_last(recording: str, request: pytest.FixtureRequest) -> None:
     it = request.getfixturevalue(recording)
     said, last = it.registration, it.lines[-1]
-    assert said.keys() == {"reference", "model", "method", "users", "alternatives", "ranges", "seconds"}
+    assert said.keys() == {"reference", "model", "method", "users", "alternatives", "ranges", "seconds", "findings"}
+    assert said["findings"] == []
     assert (said["reference"], said["model"], said["method"]) == ("phone0", "full", "joint")
     assert said["users"].keys() == last["users"].keys()
     for name, user in said["users"].items():
