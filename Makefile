@@ -66,8 +66,14 @@ $(VENV)/ready: pyproject.toml
 	$(BIN)/python -m pip install --quiet --group build
 	touch $@
 
+# An editable install keeps a list of the package's modules: it is made anew when one comes, goes or moves.
+$(VENV)/modules: $(VENV)/ready FORCE
+	@find synchronizar -name '*.py' | LC_ALL=C sort | cmp --quiet - $@ || find synchronizar -name '*.py' | LC_ALL=C sort >$@
+
+FORCE:
+
 # Without isolation, so that the tests' own build of the core finds the same Eigen.
-$(VENV)/installed: $(VENV)/ready $(CORE)
+$(VENV)/installed: $(VENV)/modules $(CORE)
 	$(BIN)/python -m pip install --quiet --no-build-isolation --editable .
 	$(BIN)/python -c "import synchronizar._core"
 	touch $@

@@ -18,7 +18,8 @@ from support.broken import BROKEN, Broken, write_good
 from support.paths import REPOSITORY
 
 import synchronizar as sz
-from synchronizar.cli import bar_of, live_line, main
+from synchronizar.cli import main
+from synchronizar.cli.terminal import bar_of, live_line
 from synchronizar.data.registration import State
 from synchronizar.data.updates import Update, UserUpdate
 from synchronizar.estimation import register as pipeline

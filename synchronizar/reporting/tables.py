@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from math import degrees
+
 import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.io.registration_folder import range_counts
+from synchronizar.reporting.evaluate import Evaluation
 
 _REFERENCE = "the reference: its own frame at its last pose, in that at its first"
 
@@ -57,3 +60,25 @@ def _cell(x: float, form: str) -> str:
 def _aligned(cells: tuple[str, ...], widths: list[int]) -> list[str]:
     """Cells padded to widths: names and states flush left, numbers flush right."""
     return [c.ljust(w) if k < 2 else c.rjust(w) for k, (c, w) in enumerate(zip(cells, widths, strict=False))]
+
+
+def evaluation_table(e: Evaluation) -> str:
+    """Errors in m and degrees, a row for each alignment to the truth."""
+    rows = [
+        ("all together", e.joint_ate, e.joint_ate_xy, None),
+        (f"{e.reference} alone", e.reference_ate, e.reference_ate_xy, None),
+        *((f"{name} in {e.reference}'s", e.transfer[name], e.transfer_xy[name], e.yaw[name]) for name in e.transfer),
+    ]
+    width = max(len(row[0]) for row in rows)
+    lines = [f"{'aligned':{width}}  RMSE (m)  in x, y (m)  yaw (°)"]
+    for what, rmse, rmse_xy, yaw in rows:
+        turn = None if yaw is None else degrees(yaw)
+        cells = _optional_cell(rmse, ".3f"), _optional_cell(rmse_xy, ".3f"), _optional_cell(turn, "+.2f")
+        lines.append(f"{what:{width}}  {cells[0]:>8}  {cells[1]:>11}  {cells[2]:>7}")
+    if e.missing:
+        lines.append(f"no estimate of {', '.join(e.missing)}")
+    return "\n".join(lines)
+
+
+def _optional_cell(number: float | None, form: str) -> str:
+    return "-" if number is None else format(number, form)

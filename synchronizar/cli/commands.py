@@ -1,0 +1,201 @@
+"""What each command does."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields, replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from synchronizar.cli.parser import PROGRAM
+from synchronizar.cli.terminal import bar_of, live_view, print_progress, print_result
+from synchronizar.errors import InputError
+from synchronizar.simulation.scene import SCHEMES, Scene
+
+if TYPE_CHECKING:
+    from synchronizar.cli.parser import Command
+    from synchronizar.data.recording import Recording
+    from synchronizar.data.registration import Registration
+
+FOUND = 1
+
+
+def _register(options: argparse.Namespace) -> None:
+    from synchronizar.io.registration_folder import write_registration
+
+    if options.out is not None:
+        _refuse_recordings(options.out)
+    recording, registration = _solved(options)
+    if options.out is not None:
+        write_registration(registration, recording, options.out)
+    _print_registration(registration, options.json)
+
+
+def _replay(options: argparse.Namespace) -> None:
+    from synchronizar.io.registration_folder import write_replay
+
+    if options.out is not None:
+        _refuse_recordings(options.out)
+    recording, loaded = _loaded(options.recording)
+    from synchronizar.estimation.incremental.replay import replay
+
+    with _solvable(options.recording):
+        replayed = replay(recording, options.reference, told=live_view() if sys.stderr.isatty() else None)
+    registration = replace(replayed.registration, seconds={**replayed.registration.seconds, "load": loaded})
+    if options.out is not None:
+        write_replay(replayed._replace(registration=registration), recording, options.out)
+    _print_registration(registration, options.json)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from synchronizar.diagnosis import findings_of
+    from synchronizar.diagnosis.solution import spoils
+    from synchronizar.diagnosis.summary import summary_of
+    from synchronizar.estimation.register import register
+    from synchronizar.io.tolerant import read_tolerantly
+    from synchronizar.parameters import Parameters
+    from synchronizar.reporting.check import check_json, check_table
+
+    print_progress(f"loading {options.recording} ...")
+    try:
+        recording, refused = read_tolerantly(options.recording)
+    except InputError as error:
+        if options.json:
+            print_result(json.dumps({"findings": [], "users": {}, "ranges": {}, "refused": str(error)}))
+        raise
+    parameters = Parameters()
+    findings = findings_of(recording, parameters)
+    if refused is None and not spoils(findings):
+        # What only a solution shows.
+        print_progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
+        try:
+            with _solvable(options.recording):
+                findings = list(register(recording, parameters=parameters).findings)
+        except InputError as error:
+            refused = error
+    summary = summary_of(recording, parameters)
+    if options.json:
+        print_result(
+            json.dumps(check_json(summary, findings, None if refused is None else str(refused)), allow_nan=False)
+        )
+    else:
+        print_result(check_table(summary, findings))
+    if refused is not None:
+        raise refused
+    return FOUND if findings else 0
+
+
+def _print_registration(registration: Registration, as_json: bool) -> None:
+    from synchronizar.io.registration_folder import registration_json
+    from synchronizar.reporting.tables import registration_table
+
+    print_result(
+        json.dumps(registration_json(registration), allow_nan=False) if as_json else registration_table(registration)
+    )
+
+
+def _loaded(folder: Path) -> tuple[Recording, float]:
+    """A recording, and how many seconds that took."""
+    from synchronizar.data.recording import Recording
+
+    print_progress(f"loading {folder} ...")
+    began = perf_counter()
+    recording = Recording.load(folder)
+    for finding in recording.findings:
+        print(f"{PROGRAM}: {folder}: {finding.message}; {finding.remedy}", file=sys.stderr)
+    return recording, perf_counter() - began
+
+
+@contextmanager
+def _solvable(recording: Path) -> Iterator[None]:
+    """What gtsam throws where a system cannot be solved becomes an InputError that names the recording."""
+    try:
+        yield
+    except RuntimeError as error:
+        if type(error) is not RuntimeError:
+            raise
+        raise InputError(recording, f"cannot be solved: {error}") from error
+
+
+def _refuse_recordings(out: Path) -> None:
+    """An answer has a ranges.csv and tracks of the same names as a recording: it must not stand in one's place."""
+    folder = out.resolve()
+    if _is_recording(folder):
+        raise InputError(out, "is a recording: the answer would overwrite its ranges")
+    for place in (folder, *folder.parents):
+        if place.name in ("tracks", "truth") and _is_recording(place.parent):
+            raise InputError(out, f"is a recording's own {place.name}: no place for an answer")
+
+
+def _is_recording(folder: Path) -> bool:
+    return (folder / "tracks").is_dir() and (folder / "ranges.csv").exists()
+
+
+def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
+    if options.method == "pairwise" and options.model == "full":
+        raise InputError("--model", "the pairwise method trusts SLAM: it has no full model")
+    recording, loaded = _loaded(options.recording)
+    with _solvable(options.recording), bar_of(len(recording.users), len(recording.ranges)) as progress:
+        if options.method == "pairwise":
+            from synchronizar.estimation.pairwise.register import register_pairwise
+
+            registration = register_pairwise(recording, options.reference)
+        else:
+            from synchronizar.estimation.register import register
+
+            registration = register(recording, options.reference, model=options.model or "full", progress=progress)
+    return recording, replace(registration, seconds={**registration.seconds, "load": loaded})
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    from synchronizar.reporting.evaluate import evaluate_folder, evaluation_json
+    from synchronizar.reporting.tables import evaluation_table
+
+    evaluation = evaluate_folder(options.recording, options.out)
+    if options.json:
+        print_result(json.dumps(evaluation_json(evaluation), allow_nan=False))
+    else:
+        print_result(evaluation_table(evaluation))
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    scene = Scene(**{f.name: getattr(options, f.name) for f in fields(Scene)})
+    if not options.modules:
+        if options.scheme is not None:
+            raise InputError("--scheme", "is that of modules: it needs --modules")
+        from synchronizar.simulation.simulate import simulate
+
+        simulation, heard = simulate(scene), ""
+    else:
+        from synchronizar.simulation.modules import simulate_modules
+
+        print_progress(f"ranging for {scene.seconds:g} s in the simulated air ...")
+        ranged = simulate_modules(scene, options.scheme or SCHEMES[0])
+        simulation, heard = ranged.simulation, f"; {ranged.datagrams} datagrams, {ranged.dropped} ranges dropped"
+    simulation.save(options.recording, force=options.force)
+    users, ranges = simulation.recording.users, simulation.recording.ranges
+    print_result(f"{options.recording}: {len(users)} users, {len(ranges)} ranges, {simulation.late.sum()} late{heard}")
+
+
+def _plot(options: argparse.Namespace) -> None:
+    from synchronizar.data.recording import Recording
+    from synchronizar.reporting.plots import plot
+
+    print_progress(f"loading {options.recording} ...")
+    recording = Recording.load(options.recording)
+    print_result(str(plot(recording, options.out, options.recording.resolve().name)))
+
+
+COMMANDS: dict[str, Command] = {
+    "register": _register,
+    "replay": _replay,
+    "evaluate": _evaluate,
+    "check": _check,
+    "simulate": _simulate,
+    "plot": _plot,
+}

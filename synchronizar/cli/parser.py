@@ -1,0 +1,155 @@
+"""The options of each command."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NoReturn, get_type_hints
+
+from synchronizar.cli.terminal import print_result
+from synchronizar.errors import InputError
+from synchronizar.simulation.scene import SCHEMES, Scene
+
+PROGRAM = "synchronizar"
+Command = Callable[[argparse.Namespace], "int | None"]
+_REFERENCE = "whose frame the common one is [the first by name that is not static and moves more than 0.5 m]"
+
+
+def _example(arguments: str) -> str:
+    return f"example: {PROGRAM} {arguments}"
+
+
+class _Version(argparse.Action):
+    """Looks the version up when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="print the version and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import version
+
+        print_result(f"{PROGRAM} {version(PROGRAM)}")
+        parser.exit()
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports a bad option like any other bad input."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        place, _, fault = message.removeprefix("argument ").partition(": ")
+        raise InputError(place, fault)
+
+
+def parser_of(commands_by_name: Mapping[str, Command]) -> argparse.ArgumentParser:
+    """The parser of all options; `command` of what it parses is the command that was named."""
+    parser = _Parser(
+        prog=PROGRAM,
+        description="Puts devices that each run their own SLAM into one frame, from the distances between them.",
+        epilog=f"`{PROGRAM} COMMAND --help` tells more. Lengths are in m, angles in degrees (rad in JSON), times in s.",
+    )
+    parser.add_argument("--version", action=_Version)
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    register = commands.add_parser(
+        "register", help="find everybody's frame from a recording", epilog=_example("register walk/ --out answer/")
+    )
+    register.add_argument("recording", metavar="RECORDING", type=Path)
+    register.add_argument("--out", metavar="DIR", type=Path, help="write tracks, registration.json and ranges.csv here")
+    register.add_argument("--json", action="store_true", help="print registration.json instead of a table")
+    register.add_argument("--reference", metavar="USER", help=_REFERENCE)
+    register.add_argument(
+        "--model", choices=["full", "rigid"], help="what may be wrong with SLAM and radios [full; pairwise: rigid]"
+    )
+    register.add_argument(
+        "--method",
+        choices=["joint", "pairwise"],
+        default="joint",
+        help="all users at once, or two at a time as in the paper [joint]",
+    )
+    register.set_defaults(command=commands_by_name["register"])
+
+    replay = commands.add_parser(
+        "replay",
+        help="solve a recording in the order of time, nothing seen ahead of its time",
+        epilog=_example("replay walk/ --out live/"),
+    )
+    replay.add_argument("recording", metavar="RECORDING", type=Path)
+    replay.add_argument(
+        "--out", metavar="DIR", type=Path, help="write causal tracks, registration.json and updates.jsonl here"
+    )
+    replay.add_argument("--json", action="store_true", help="print registration.json instead of a table")
+    replay.add_argument("--reference", metavar="USER", help=_REFERENCE)
+    replay.set_defaults(command=commands_by_name["replay"])
+
+    evaluate = commands.add_parser(
+        "evaluate", help="compare what register wrote with the truth", epilog=_example("evaluate walk/ answer/")
+    )
+    evaluate.add_argument("recording", metavar="RECORDING", type=Path)
+    evaluate.add_argument("out", metavar="DIR", type=Path)
+    evaluate.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    evaluate.set_defaults(command=commands_by_name["evaluate"])
+
+    check = commands.add_parser(
+        "check",
+        help="what is in a recording and what looks wrong",
+        description="Exit status: 0 nothing found, 1 findings, 2 register refuses it.",
+        epilog=_example("check walk/"),
+    )
+    check.add_argument("recording", metavar="RECORDING", type=Path)
+    check.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    check.set_defaults(command=commands_by_name["check"])
+
+    simulate = commands.add_parser(
+        "simulate",
+        help="make a recording, with its truth",
+        epilog=_example("simulate walk/ --users 4 --late-share 0.3 --seed 7"),
+    )
+    simulate.add_argument("recording", metavar="RECORDING", type=Path)
+    simulate.add_argument("--force", action="store_true", help="remove what is left there of another walk")
+    simulate.add_argument("--modules", action="store_true", help="let the modules' firmware range, in a simulated air")
+    simulate.add_argument("--scheme", choices=SCHEMES, help=f"who of the modules sends when [{SCHEMES[0]}]")
+    _add_scene_options(simulate)
+    simulate.set_defaults(command=commands_by_name["simulate"])
+
+    plot = commands.add_parser("plot", help="draw what register wrote", epilog=_example("plot walk/ answer/"))
+    plot.add_argument("recording", metavar="RECORDING", type=Path)
+    plot.add_argument("out", metavar="DIR", type=Path)
+    plot.set_defaults(command=commands_by_name["plot"])
+    return parser
+
+
+def _add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """Add an option for each setting of a scene, described by the docstring of its field."""
+    types, described = get_type_hints(Scene), _field_docstrings()
+    for f in fields(Scene):
+        option, kind = f"--{f.name.replace('_', '-')}", types[f.name]
+        description = described[f.name].replace("`", "").replace("%", "%%")
+        if kind is bool:
+            parser.add_argument(option, action="store_true", help=description)
+            continue
+        read = {int: int, str: str, float: float, float | None: float}.get(kind, _words)
+        shown = ",".join(f.default) if isinstance(f.default, tuple) else f.default
+        metavar = {int: "N", str: "WORD", _words: "WORDS"}.get(read, "X")
+        parser.add_argument(option, type=read, default=f.default, metavar=metavar, help=f"{description} [{shown}]")
+
+
+def _field_docstrings() -> dict[str, str]:
+    """The string below each field of Scene."""
+    described = {}
+    for statement, following in pairwise(ast.iter_child_nodes(ast.parse(inspect.getsource(Scene)).body[0])):
+        match statement, following:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(docstring))):
+                described[name] = inspect.cleandoc(docstring)
+    return described
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(text.split(","))
