@@ -33,7 +33,7 @@ OF_ALL = (Code.TIME_UNIT, Code.NO_RANGES, Code.CLOCK, Code.RANGE_UNIT)
 
 
 def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Registration:
-    """The registration with its findings, and with these as the reasons of users that are not registered.
+    """The registration with its findings, which stand before the reasons of users that are not registered.
 
     Of a user that is disconnected only what leaves it, or the reference, without ranges explains it.
     """
@@ -47,7 +47,7 @@ def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Reg
             elif of_reference is not None and of_reference.message not in user.reason:
                 user = replace(user, reason=f"{user.reason}, {reference}: {of_reference.message}")
         elif user.state is not State.REGISTERED and (cause := _cause(findings, name, CAUSES)) is not None:
-            user = replace(user, reason=cause.message)
+            user = replace(user, reason=f"{cause.message}; {user.reason}")
         users[name] = user
     return replace(registration, users=users, findings=tuple(findings))
 
