@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 
@@ -489,6 +489,12 @@ class Parameters:
     def changed(self, **subjects: Mapping[str, Any]) -> Parameters:
         """The same with other values: `Parameters().changed(ranges={"sigma": 0.05})`.
 
-        Raises TypeError for a value, AttributeError for a subject that there is not.
+        Raises ValueError for a subject or a value that there is not.
         """
+        for subject, values in subjects.items():
+            known = [f.name for f in fields(getattr(self, subject, self))]
+            if not hasattr(self, subject):
+                raise ValueError(f"there is no subject {subject!r}; there are {', '.join(known)}")
+            if unknown := [name for name in values if name not in known]:
+                raise ValueError(f"{subject} has no {unknown[0]!r}; there are {', '.join(known)}")
         return replace(self, **{name: replace(getattr(self, name), **values) for name, values in subjects.items()})

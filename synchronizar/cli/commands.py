@@ -84,7 +84,7 @@ def _check(options: argparse.Namespace) -> int:
             json.dumps(check_json(summary, findings, None if refused is None else str(refused)), allow_nan=False)
         )
     else:
-        print_result(check_table(summary, findings))
+        print_result(check_table(summary, findings, refused is not None))
     if refused is not None:
         raise refused
     return FOUND if findings else 0

@@ -121,17 +121,20 @@ class Registration:
     """What looks wrong in the recording."""
 
     def between(self, to: str, of: str) -> YawFrame:
-        """`to_from_of`: the frame of user `of` in that of user `to`.
+        """`to_from_of`: `between("alice", "bob") @ points` takes points in Bob's own axes to Alice's.
 
-        Raises KeyError for a user that is not there, ValueError for one that has no placement.
+        Its x, y, z, yaw are of both frames read z up; `matrix` and `translation` are in the users' own axes. It holds
+        at both users' last poses. Raises KeyError for a user that is not there, ValueError for one without a frame.
         """
         to_from_common = self._placed(to).inverse()
         return to_from_common @ self._placed(of)
 
     def _placed(self, name: str) -> YawFrame:
+        if name not in self.users:
+            raise KeyError(f"there is no user {name!r}; there are {', '.join(self.users)}")
         frame = self.users[name].common_from_user
         if frame is None:
-            raise ValueError(f"{name} is disconnected: no chain of ranges ties it to {self.reference}")
+            raise ValueError(f"{name} has no frame: it is {self.users[name].state}, {self.users[name].reason}")
         return frame
 
     def tracks(self, recording: Recording) -> dict[str, Track]:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
@@ -47,21 +46,19 @@ class Assessment(NamedTuple):
 
 def assess(
     optima: list[LocalOptimum],
-    recording: Recording,
     relative: Callable[[LocalOptimum], Array],
     systematic: Collection[int],
-    parameters: Parameters,
     registered: Collection[int] = (),
 ) -> Assessment:
-    """The assessment of optima, best first, of a recording whose tracks are those of their graphs.
+    """The assessment of optima, best first, of the same problem.
 
     `relative` gives an optimum's covariances (k, 4, 4) beside the reference. `systematic` are users whose residuals are
     no noise. Users that are `registered` already stay so up to a higher probability of being wrong.
     """
     best = optima[0]
-    graph, states = best.graph, best.states
+    graph, states, parameters = best.graph, best.states, best.graph.parameters
     robust, inlier_probability = graph.inlier_probability(states, best.em_weights)
-    extent = _extent_about_last(recording, graph, states)
+    extent = _extent_about_last(graph, states)
     found = hypotheses(optima, relative, extent, parameters)
     rejected = np.array([_rejected(graph.measurements, inlier_probability, u) for u in range(len(graph.users))])
     progress = np.full(len(graph.users), np.nan)
@@ -87,22 +84,18 @@ def assess(
 
 
 def assess_calibrated(
-    optima: list[LocalOptimum],
-    repaired: Recording,
-    parameters: Parameters,
-    registered: Collection[int] = (),
-    of_best: Marginals | None = None,
+    optima: list[LocalOptimum], registered: Collection[int] = (), of_best: Marginals | None = None
 ) -> Assessment:
     """The assessment under the full model; `of_best` are the best optimum's marginals where they are known already."""
     best = optima[0]
-    graph = best.graph
+    graph, parameters = best.graph, best.graph.parameters
     own = of_best or marginals(graph, best.states, best.em_weights)
 
     def relative(s: LocalOptimum) -> Array:
         return (own if s is best else marginals(s.graph, s.states, s.em_weights)).relative
 
-    assessed = assess(optima, repaired, relative, (), parameters, registered)
-    static = np.array([user.static for user in repaired.users])
+    assessed = assess(optima, relative, (), registered)
+    static = np.array([user.static for user in graph.users])
     variances = np.where(static[:, None] & (np.arange(3) != BIAS), np.nan, own.calibrations)
     heights = best.states.anchor_poses[:, 2] - best.states.anchor_poses[graph.reference, 2]
     drifted = () if graph.marginal_prior is None else graph.marginal_prior.users  # heights moved since their prior
@@ -123,11 +116,11 @@ def assess_calibrated(
     )
 
 
-def _extent_about_last(recording: Recording, graph: PoseGraph, states: States) -> Array:
+def _extent_about_last(graph: PoseGraph, states: States) -> Array:
     """(k, c, 3) m: extent points of each track about its last keyframe."""
     last = np.array([of_user.place[-1] for of_user in graph.keyframes])
     scale = np.exp(states.calibration[:, SCALE])[:, None, None]
-    return np.asarray(scale * (extent_points(recording) - last[:, None]))
+    return np.asarray(scale * (extent_points(graph.problem.recording) - last[:, None]))
 
 
 def _rejected(measurements: RangeMeasurements, inlier_probability: Array, user: int) -> float:

@@ -47,12 +47,12 @@ def register_full(recording: Recording, reference: int, parameters: Parameters, 
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
     problem = Problem.of(repaired, reference, parameters)
     optima, noise, searched = solve(problem, repaired_tracks, stage(progress, 0.0, 0.9))
-    assessed = assess_calibrated(optima, repaired, parameters)
+    assessed = assess_calibrated(optima)
     own = _own_frames(recording, repaired_tracks, optima[0])
     name, count = recording.users[reference].name, len(recording.ranges)
     registration = registration_of(assessed, own, name, count, {})
     users = {
-        user.name: _with_slam(registration.users[user.name], u, repaired_tracks, assessed, repaired, own, noise[u])
+        user.name: _with_slam(registration.users[user.name], u, repaired_tracks[user.name], assessed, own, noise[u])
         for u, user in enumerate(recording.users)
         if not user.static
     }
@@ -76,15 +76,14 @@ def _own_frames(recording: Recording, repaired_tracks: dict[str, RepairedTrack],
 def _with_slam(
     user: UserRegistration,
     u: int,
-    repaired_tracks: dict[str, RepairedTrack],
+    repaired: RepairedTrack,
     assessed: Assessment,
-    repaired: Recording,
     own: OwnFrames,
     noise: Array,
 ) -> UserRegistration:
     """A user with a track, with what is known of its SLAM: jumps and slips, noise factors, the corrected track."""
     graph, states = assessed.optimum.graph, assessed.optimum.states
-    jumps, track = repaired_tracks[user.name].jumps, repaired.tracks[user.name]
+    jumps, track = repaired.jumps, repaired.track
     user = replace(user, slam_noise=None if u not in graph.active_users else (float(noise[0]), float(noise[1])))
     if u not in graph.active_users:
         return replace(user, jumps=jumps)

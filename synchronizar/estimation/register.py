@@ -31,6 +31,12 @@ def register(
     per user and nothing else. `progress` hears what share of the work is done. Raises InputError where `reference` is
     nobody or a static radio, or where nobody can be the reference. What cannot be answered is told as a state.
     """
+    if not isinstance(recording, Recording):
+        raise ValueError(
+            f"recording: must be a Recording (Recording.load reads a folder), not {type(recording).__name__}"
+        )
+    if model not in ("full", "rigid"):
+        raise ValueError(f'model: must be "full" or "rigid", not {model!r}')
     parameters = parameters or Parameters()
     ref = reference_of(recording, reference, parameters)
     found = findings_of(recording, parameters)

@@ -40,7 +40,7 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     inflation = _inflation(best)
     limit = parameters.integrity.systematic_inflation
     systematic = {u for u, factor in inflation.items() if factor > limit}
-    assessed = assess(optima, recording, partial(_inflated, inflation=inflation), systematic, parameters)
+    assessed = assess(optima, partial(_inflated, inflation=inflation), systematic)
     own = OwnFrames(np.ones(k), np.zeros(k), anchors, np.append(anchors[reference], 0.0), np.zeros(3))
     seconds = {"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched}
     return registration_of(assessed, own, recording.users[reference].name, len(recording.ranges), seconds)

@@ -24,6 +24,7 @@ REQUIRED = ("t", "a", "b", "range")
 OPTIONAL = ("sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos", "source")
 # Tables without blank integers write 0.0 and 1.0.
 NLOS = {"": np.nan, "0": 0.0, "0.0": 0.0, "false": 0.0, "1": 1.0, "1.0": 1.0, "true": 1.0}
+_NAMED = 12  # users, in a message
 CHUNK_LINES = 2048
 """Lines read at a time; their text stays in the processor's cache, which makes reading twice as fast."""
 
@@ -119,7 +120,8 @@ class _Chunk:
         except ValueError:
             pass
         bad = ~np.fromiter(map(is_number, texts), dtype=bool, count=len(texts))
-        raise self.fault(column, int(bad.argmax()), "it must be a number")
+        remedy = ", nan for a measurement that failed" if column == "range" else ""
+        raise self.fault(column, int(bad.argmax()), f"it must be a number{remedy}")
 
     def rows(self, which: slice) -> _Chunk:
         """The ranges that a slice picks."""
@@ -249,7 +251,8 @@ def _user_indices(chunk: _Chunk, column: str, users: Sequence[User]) -> Indices:
     index_of = {user.name: i for i, user in enumerate(users)}
     found = map(index_of.get, chunk.columns[column], repeat(-1))
     indices = np.fromiter(found, dtype=np.int32, count=len(chunk.lines))
-    chunk.refuse(column, indices < 0, "no user has that name")
+    names = ", ".join([user.name for user in users[:_NAMED]])
+    chunk.refuse(column, indices < 0, f"no user has that name; there are {names}")
     return indices
 
 

@@ -27,8 +27,8 @@ def check_json(summary: Summary, findings: Sequence[Finding], refused: str | Non
     }
 
 
-def check_table(summary: Summary, findings: Sequence[Finding]) -> str:
-    """A row for each device and each pair, then a line for each finding."""
+def check_table(summary: Summary, findings: Sequence[Finding], refused: bool) -> str:
+    """A row for each device and each pair, then a line for each finding; `refused`: whether `register` refuses it."""
     devices = [
         (
             device.name,
@@ -50,7 +50,8 @@ def check_table(summary: Summary, findings: Sequence[Finding]) -> str:
             "" if summary.shortest is None else f" (they go from {summary.shortest:.6g} m to {summary.longest:.6g} m)"
         )
         lines.append(f"{summary.no_distance} of {summary.ranges} ranges are no possible distances and not used{span}")
-    return "\n".join([*lines, "", *findings_lines(findings)])
+    lines_of_findings = findings_lines(findings) if findings or not refused else []
+    return "\n".join([*lines, "", *lines_of_findings, *(["register refuses it as it is:"] if refused else [])])
 
 
 def findings_lines(findings: Sequence[Finding]) -> list[str]:

@@ -125,7 +125,7 @@ def test_every_key_of_updates_jsonl_is_explained(answers: Path) -> None:
 def test_every_code_of_a_finding_is_explained() -> None:
     from synchronizar.data.findings import Code
 
-    table = (DOCS / "answer.md").read_text().split("| code | what looks wrong |")[1]
+    table = (DOCS / "answer.md").read_text().split("| code | what looks wrong |")[1].split("\n\n")[0]
     assert re.findall(r"^\| `([\w-]+)` \|", table, flags=re.MULTILINE) == list(Code)
 
 

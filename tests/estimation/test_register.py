@@ -388,7 +388,7 @@ def test_there_is_no_frame_between_users_that_are_not_there_or_not_tied() -> Non
     recording = simulate(Scene(users=3, seed=9)).recording
     r = recording.ranges
     registration = register(replace(recording, ranges=r.select((r.a != 2) & (r.b != 2))))
-    with pytest.raises(ValueError, match="phone2 is disconnected"):
+    with pytest.raises(ValueError, match="phone2 has no frame: it is disconnected"):
         registration.between("phone0", "phone2")
     with pytest.raises(KeyError):
         registration.between("phone0", "nobody")
@@ -400,3 +400,14 @@ def test_the_recording_stays_as_it_was() -> None:
     register(recording)
     np.testing.assert_array_equal(recording.ranges.distance, before[0])
     np.testing.assert_array_equal(recording.tracks["phone1"].position, before[1])
+
+
+def test_a_call_that_cannot_be_meant_names_the_argument() -> None:
+    recording = simulate(Scene(seconds=2.0)).recording
+    with pytest.raises(ValueError, match='model: must be "full" or "rigid"'):
+        register(recording, model="ridgid")
+    with pytest.raises(ValueError, match="recording: must be a Recording"):
+        register("walk")  # type: ignore[arg-type]
+    registration = register(recording)
+    with pytest.raises(KeyError, match="there is no user 'bbo'; there are phone0, phone1"):
+        registration.between("phone0", "bbo")

@@ -343,7 +343,7 @@ class Engine:
             best = minima[0]
             scale = float(np.exp(best.states.calibration[self.memory.gauge, SCALE]))
             common = np.append(scale * best.graph.keyframes[self.memory.gauge].anchor, 0.0)
-        told = assess_calibrated(minima, repaired, self.parameters, self._registered(), sure)
+        told = assess_calibrated(minima, self._registered(), sure)
         return Solution(begin, stretch, minima, told, common, axes, lift, noise, repaired)
 
     def _judge(self, active_users: list[int], now: float, before: Solution | None) -> None:
