@@ -22,11 +22,12 @@ from synchronizar.arrays import Array
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
-from synchronizar.geometry import Up
+from synchronizar.geometry import Up, YawFrame
 from synchronizar.parameters import DiagnosisParameters, Parameters
 from synchronizar.quaternions import rotate_by_quaternions
 
 Order = Literal["xyzw", "wxyz"]
+ORDERS: tuple[Order, Order] = ("xyzw", "wxyz")
 OWN_AXES = {"z": "xyz", "y": "zxy"}
 """Which axes of a track's file the three axes in memory are, where `up` is z and where it is y."""
 
@@ -45,10 +46,12 @@ class Posture:
     """The axis about which the device turns; None where it does not turn enough to tell."""
 
 
-def posture(track: Track, order: Order, parameters: Parameters) -> Posture:
-    """The posture of a track whose quaternions are taken to be written in that order."""
-    columns = [0, 1, 2, 3] if order == "xyzw" else [1, 2, 3, 0]
-    q = track.quat_xyzw[:, columns]
+def posture(track: Track, order: Order, up: Up, parameters: Parameters) -> Posture:
+    """The posture of a track whose quaternions are taken to be written in that order, in a file with `up` upwards."""
+    q = track.quat_xyzw
+    if order == "wxyz":  # what is reordered are the numbers of the file, before its axes are brought to z up
+        of_file = YawFrame(up_a=up).rotate_quaternions(q)
+        q = YawFrame(up_b=up).rotate_quaternions(of_file[:, [1, 2, 3, 0]])
     mean = _mean_rotation(q)
     concentration = np.linalg.norm(mean, axis=1)
     in_body = mean / np.maximum(concentration, 1e-12)[:, None]
@@ -79,7 +82,8 @@ def with_z_up(recording: Recording, signs: Mapping[str, Sign]) -> Recording:
 
 def signs_of(recording: Recording, parameters: Parameters) -> dict[str, Sign]:
     """Of each track with whose axes or attitudes something is likely wrong."""
-    signs = {name: sign_of(track, parameters) for name, track in recording.tracks.items()}
+    up = {user.name: user.up for user in recording.users}
+    signs = {name: sign_of(track, up[name], parameters) for name, track in recording.tracks.items()}
     return {name: sign for name, sign in signs.items() if sign is not None}
 
 
@@ -91,12 +95,12 @@ class Sign(NamedTuple):
     """The axis of the positions that is likely vertical."""
 
 
-def sign_of(track: Track, parameters: Parameters) -> Sign | None:
+def sign_of(track: Track, up: Up, parameters: Parameters) -> Sign | None:
     """What is likely wrong with a track's axes or attitudes; None where nothing plain speaks against them."""
     limits = parameters.diagnosis
     if len(track) < limits.axes_fewest_poses:
         return None
-    as_read, reordered = posture(track, "xyzw", parameters), posture(track, "wxyz", parameters)
+    as_read, reordered = (posture(track, order, up, parameters) for order in ORDERS)
     spread = track.position.std(axis=0)
     flat = _flat(spread, limits)
     vertical = as_read.vertical
@@ -140,7 +144,7 @@ def _points_down(posture: Posture, limits: DiagnosisParameters) -> bool:
 
 
 def _finding(name: str, track: Track, sign: Sign, up: Up, parameters: Parameters) -> Finding:
-    as_read, reordered = posture(track, "xyzw", parameters), posture(track, "wxyz", parameters)
+    as_read, reordered = (posture(track, order, up, parameters) for order in ORDERS)
     spread = track.position.std(axis=0)
     if sign.code is Code.QUATERNION_ORDER:
         seen = (

@@ -57,5 +57,5 @@ def _longest(user: User) -> float:
 
 
 def _carried_along_z(recording: Recording, user: User, parameters: Parameters) -> bool:
-    forward = posture(recording.tracks[user.name], "xyzw", parameters).forward
+    forward = posture(recording.tracks[user.name], "xyzw", user.up, parameters).forward
     return bool(forward[2] > parameters.diagnosis.carried_concentration)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -169,3 +170,14 @@ def test_garbage_ranges_of_a_real_recording_are_counted_and_shown_though_no_code
     assert summary.longest > 6.1e6
     assert "7 of 5346 ranges are no possible distances" in check_table(summary, ())
     assert check_json(summary, (), None)["ranges"]["longest"] == summary.longest
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_order_of_quaternions_is_that_of_the_file_whatever_axis_points_up(tmp_path: Path, seed: int) -> None:
+    simulate(Scene(users=2, seconds=25.0, seed=seed, up="y", antennas=1)).save(tmp_path)
+    assert findings_of(Recording.load(tmp_path), Parameters()) == []
+    for file in (tmp_path / "tracks").glob("*.tum"):
+        rows = np.loadtxt(file)
+        np.savetxt(file, rows[:, [0, 1, 2, 3, 7, 4, 5, 6]])
+    found = findings_of(Recording.load(tmp_path), Parameters())
+    assert [(f.code, f.user) for f in found] == [(Code.QUATERNION_ORDER, name) for name in ("phone0", "phone1")]
