@@ -134,7 +134,7 @@ class Registration:
             raise KeyError(f"there is no user {name!r}; there are {', '.join(self.users)}")
         frame = self.users[name].common_from_user
         if frame is None:
-            raise ValueError(f"{name} has no frame: it is {self.users[name].state}, {self.users[name].reason}")
+            raise ValueError(f"{name} is {self.users[name].state}: {self.users[name].reason}")
         return frame
 
     def tracks(self, recording: Recording) -> dict[str, Track]:
