@@ -491,10 +491,11 @@ class Parameters:
 
         Raises ValueError for a subject or a value that there is not.
         """
+        own = [f.name for f in fields(self)]
         for subject, values in subjects.items():
-            known = [f.name for f in fields(getattr(self, subject, self))]
-            if not hasattr(self, subject):
-                raise ValueError(f"there is no subject {subject!r}; there are {', '.join(known)}")
+            if subject not in own:
+                raise ValueError(f"there is no subject {subject!r}; there are {', '.join(own)}")
+            known = [f.name for f in fields(getattr(self, subject))]
             if unknown := [name for name in values if name not in known]:
                 raise ValueError(f"{subject} has no {unknown[0]!r}; there are {', '.join(known)}")
         return replace(self, **{name: replace(getattr(self, name), **values) for name, values in subjects.items()})

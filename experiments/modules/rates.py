@@ -17,7 +17,8 @@ import numpy as np
 from experiments.common.markdown import markdown
 from experiments.common.results import write_table
 from synchronizar.arrays import Array
-from synchronizar.data.ranges import SOURCES, Ranges, papers_rate_hz
+from synchronizar.data.ranges import SOURCES, Ranges
+from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.data.user import User
 from synchronizar.simulation.collect import collect
 from synchronizar.simulation.modules import CRYSTAL_PPM, RANGE_OF_STAMP, SWITCHED_ON_S, blockage_of

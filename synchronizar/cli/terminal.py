@@ -7,10 +7,13 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from synchronizar.data.updates import Update
 from synchronizar.errors import InputError
-from synchronizar.progress import Progress
+
+if TYPE_CHECKING:
+    from synchronizar.data.updates import Update
+    from synchronizar.progress import Progress
 
 _WIDEST = 80  # columns of what is drawn on a terminal
 

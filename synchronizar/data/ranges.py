@@ -81,8 +81,3 @@ class Ranges:
         }
         unknown |= {name: np.full(len(t), -1, dtype=np.int32) for name in ("antenna_a", "antenna_b", "source")}
         return cls(t, a, b, distance, **(unknown | optional))  # type: ignore[arg-type]
-
-
-def papers_rate_hz(partners: int) -> float:
-    """Hz: how often a module of SynchronizAR (Huo et al., UIST 2018) ranges to each of its `partners` partners."""
-    return 1000.0 / (80.0 + 21.0 * partners)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from synchronizar.data.ranges import papers_rate_hz
+from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.errors import InputError
 
 WALKS = ("free", "line", "still")

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array, Indices
-from synchronizar.data.ranges import papers_rate_hz
+from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State, UserRegistration
 from synchronizar.diagnosis import findings_of

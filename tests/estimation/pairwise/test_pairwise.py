@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from synchronizar.arrays import Array
 from synchronizar.cli import main
-from synchronizar.data.ranges import Ranges, papers_rate_hz
+from synchronizar.data.ranges import Ranges
+from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.data.track import Track
