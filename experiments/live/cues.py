@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from experiments.common.results import FOLDER, write_table
 from experiments.common.walks import on_all_cores
 from synchronizar.arrays import Array
-from synchronizar.data.ranges import papers_rate_hz
+from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.cues import Cue
 from synchronizar.estimation.incremental.engine import Engine

@@ -18,7 +18,8 @@ import numpy as np
 
 from experiments.common.study import Interval, interval, rms
 from synchronizar.arrays import Array
-from synchronizar.data.ranges import Ranges, papers_rate_hz
+from synchronizar.data.ranges import Ranges
+from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.data.user import User

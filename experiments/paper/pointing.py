@@ -51,7 +51,7 @@ from experiments.common.study import (
     save,
 )
 from synchronizar.arrays import Array, Indices, Mask
-from synchronizar.data.ranges import papers_rate_hz
+from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.data.registration import Registration
 from synchronizar.geometry import YawFrame, rotation_2d
 from synchronizar.simulation.scene import Scene

@@ -39,7 +39,7 @@ from experiments.common.methods import (
 from experiments.common.side_by_side import side_by_side
 from experiments.common.study import Interval, figure, options_of, results_of, save
 from synchronizar.arrays import Array
-from synchronizar.data.ranges import papers_rate_hz
+from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.data.registration import State
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
