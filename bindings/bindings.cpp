@@ -18,9 +18,11 @@
 
 #include "factors/calibrated_range_block.h"
 #include "factors/height_search.h"
+#include "factors/neighbours.h"
 #include "factors/nlos_bursts.h"
 #include "factors/placement_search.h"
 #include "factors/range_block.h"
+#include "factors/range_slot.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -51,6 +53,38 @@ double positive(double parameter) {
 Loss make_loss(const LossKind& kind, double annealing) {
   require(annealing >= 1.0 && std::isfinite(annealing), "annealing must be at least 1");
   return {kind, annealing};
+}
+
+void check_antennas(const Antennas& antennas, Eigen::Index n) {
+  require(antennas.lever.rows() == n && antennas.velocity.rows() == n,
+          "levers and velocities must be (n, 3), one row a range");
+  require(antennas.lever.allFinite() && antennas.velocity.allFinite(),
+          "levers and velocities must be finite");
+}
+
+void check_range_weight(const Column& range_weight, Eigen::Index n) {
+  require(range_weight.size() == n && (range_weight.array() > 0.0).all() && range_weight.allFinite(),
+          "range_weight must be (n,) and positive");
+}
+
+void check_nlos_odds(const Column& nlos_odds, Eigen::Index n) {
+  require(nlos_odds.size() == n, "nlos_odds must be (n,)");
+  require((nlos_odds.array() >= 0.0).all() && nlos_odds.allFinite(), "nlos_odds must not be negative");
+}
+
+void check_bounds(const Numbers& bounds, Eigen::Index n) {
+  require(bounds.size() > 0 && bounds[0] == 0 && bounds[bounds.size() - 1] == n &&
+              std::is_sorted(bounds.begin(), bounds.end()),
+          "bounds must grow from 0 to n");
+}
+
+template <class Poses>
+void check_slot(const RangeSlot& slot, const Poses& poses, const SlotCalibrations& calibrations,
+                const std::optional<Column>& height_curvature = std::nullopt) {
+  require(poses.rows() == slot.users() && calibrations.rows() == slot.users(),
+          "poses and calibrations must have one row a user");
+  require(!height_curvature || static_cast<size_t>(height_curvature->size()) == slot.pairs().size(),
+          "height_curvature must have one number a pair");
 }
 
 template <class Kind>
@@ -131,9 +165,7 @@ NB_MODULE(_core, m) {
       .def(
           "with_nlos_odds",
           [](const RangeBlock& self, const Column& nlos_odds) {
-            require(nlos_odds.size() == self.size(), "nlos_odds must be (n,)");
-            require((nlos_odds.array() >= 0.0).all() && nlos_odds.allFinite(),
-                    "nlos_odds must not be negative");
+            check_nlos_odds(nlos_odds, self.size());
             return self.with_nlos_odds(nlos_odds);
           },
           "nlos_odds"_a)
@@ -150,16 +182,11 @@ NB_MODULE(_core, m) {
              const Column& measured, const Column& sigma, const Column& nlos_odds,
              const Column& range_weight) {
             check_ranges(i[0], j[0], measured, sigma, nlos_odds);
-            require(range_weight.size() == measured.size() && (range_weight.array() > 0.0).all() &&
-                        range_weight.allFinite(),
-                    "range_weight must be (n,) and positive");
-            for (const auto* end : {&i, &j}) {
-              require((*end)[1].rows() == measured.size() && (*end)[2].rows() == measured.size(),
-                      "levers and velocities must be (n, 3), one row a range");
-              require((*end)[1].allFinite() && (*end)[2].allFinite(), "levers and velocities must be finite");
-            }
-            new (self) CalibratedRangeBlock({i[0], i[1], i[2]}, {j[0], j[1], j[2]}, measured, sigma,
-                                            nlos_odds, range_weight);
+            check_range_weight(range_weight, measured.size());
+            const Antennas at_i{i[0], i[1], i[2]}, at_j{j[0], j[1], j[2]};
+            check_antennas(at_i, measured.size());
+            check_antennas(at_j, measured.size());
+            new (self) CalibratedRangeBlock(at_i, at_j, measured, sigma, nlos_odds, range_weight);
           },
           "i"_a, "j"_a, "measured"_a, "sigma"_a, "nlos_odds"_a, "range_weight"_a)
       .def("__len__", &CalibratedRangeBlock::size)
@@ -182,6 +209,94 @@ NB_MODULE(_core, m) {
           },
           "pose_i"_a, "calibration_i"_a, "pose_j"_a, "calibration_j"_a, "loss"_a, "annealing"_a = 1.0,
           "height_curvature"_a = nb::none());
+
+  nb::class_<RangeSlot>(m, "RangeSlot")
+      .def(
+          "__init__",
+          [](RangeSlot* self, int users, const Numbers& user_i, const Numbers& user_j,
+             const std::array<Points, 3>& i, const std::array<Points, 3>& j, const Column& measured,
+             const Column& sigma, const Column& nlos_odds, const Column& range_weight) {
+            check_ranges(i[0], j[0], measured, sigma, nlos_odds);
+            check_range_weight(range_weight, measured.size());
+            require(user_i.size() == measured.size() && user_j.size() == measured.size(),
+                    "user_i and user_j must be (n,)");
+            require((user_i.array() >= 0).all() && (user_j.array() >= 0).all() &&
+                        (user_i.array() < users).all() && (user_j.array() < users).all(),
+                    "a range names a user that is not there");
+            require((user_i.array() != user_j.array()).all(), "a range is between two users");
+            const Antennas at_i{i[0], i[1], i[2]}, at_j{j[0], j[1], j[2]};
+            check_antennas(at_i, measured.size());
+            check_antennas(at_j, measured.size());
+            new (self) RangeSlot(users, user_i, user_j, at_i, at_j, measured, sigma, nlos_odds, range_weight);
+          },
+          "users"_a, "user_i"_a, "user_j"_a, "i"_a, "j"_a, "measured"_a, "sigma"_a, "nlos_odds"_a,
+          "range_weight"_a)
+      .def("__len__", &RangeSlot::size)
+      .def_prop_ro("users", &RangeSlot::users)
+      .def_prop_ro("pairs", &RangeSlot::pairs)
+      .def(
+          "with_weights",
+          [](const RangeSlot& self, const Column& nlos_odds, const Column& range_weight) {
+            check_nlos_odds(nlos_odds, self.size());
+            check_range_weight(range_weight, self.size());
+            return self.with_weights(nlos_odds, range_weight);
+          },
+          "nlos_odds"_a, "range_weight"_a)
+      .def(
+          "residuals",
+          [](const RangeSlot& self, const SlotPoses& poses, const SlotCalibrations& calibrations) {
+            check_slot(self, poses, calibrations);
+            return self.residuals(poses, calibrations);
+          },
+          "poses"_a, "calibrations"_a)
+      .def(
+          "cost",
+          [](const RangeSlot& self, const SlotPoses& poses, const SlotCalibrations& calibrations,
+             const LossKind& loss, double annealing) {
+            check_slot(self, poses, calibrations);
+            return self.cost(poses, calibrations, make_loss(loss, annealing));
+          },
+          "poses"_a, "calibrations"_a, "loss"_a, "annealing"_a = 1.0)
+      .def(
+          "square_root",
+          [](const RangeSlot& self, const SlotPoses& poses, const SlotCalibrations& calibrations,
+             const LossKind& loss, double annealing, const std::optional<Column>& height_curvature) {
+            check_slot(self, poses, calibrations, height_curvature);
+            return self.square_root(poses, calibrations, make_loss(loss, annealing), height_curvature);
+          },
+          "poses"_a, "calibrations"_a, "loss"_a, "annealing"_a = 1.0, "height_curvature"_a = nb::none())
+      .def(
+          "square_root_frames",
+          [](const RangeSlot& self, const RangeSlot::SlotFrames& frames, const SlotCalibrations& calibrations,
+             const LossKind& loss, double annealing, const std::optional<Column>& height_curvature) {
+            check_slot(self, frames, calibrations, height_curvature);
+            return self.square_root_frames(frames, calibrations, make_loss(loss, annealing),
+                                           height_curvature);
+          },
+          "frames"_a, "calibrations"_a, "loss"_a, "annealing"_a = 1.0, "height_curvature"_a = nb::none());
+
+  m.def("semidefinite_root", &semidefinite_root, "normal"_a);
+
+  m.def(
+      "neighbour_counts",
+      [](const Numbers& bounds, const Column& t, double reach) {
+        check_bounds(bounds, t.size());
+        return neighbour_counts(bounds, t, reach);
+      },
+      "bounds"_a, "t"_a, "reach"_a);
+
+  m.def(
+      "neighbour_sums",
+      [](const Numbers& bounds, const Column& t, const Numbers& link, const Column& score,
+         const Column& weight, double gap, int most) {
+        const auto n = t.size();
+        check_bounds(bounds, n);
+        require(link.size() == n && score.size() == n && weight.size() == n, "all columns must be (n,)");
+        require(most > 0, "most must be positive");
+        const NeighbourSums sums = neighbour_sums(bounds, t, link, score, weight, gap, most);
+        return std::tuple(sums.squares, sums.weights, sums.product, sums.both);
+      },
+      "bounds"_a, "t"_a, "link"_a, "score"_a, "weight"_a, "gap"_a, "most"_a);
 
   m.def(
       "mixture_terms",
@@ -225,6 +340,27 @@ NB_MODULE(_core, m) {
         return std::pair(found.nlos_odds, found.cost);
       },
       "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
+
+  m.def(
+      "burst_nlos_odds_of_pairs",
+      [](const Numbers& bounds, const Column& t, const Column& whitened, const Column& sigma,
+         const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
+        const auto n = t.size();
+        check_bounds(bounds, n);
+        require(whitened.size() == n && sigma.size() == n && nlos_odds.size() == n,
+                "all columns must be (n,)");
+        require(whitened.allFinite() && nlos_odds.allFinite() && (nlos_odds.array() >= 0.0).all(),
+                "residuals must be finite, odds not negative");
+        require((sigma.array() > 0.0).all() && sigma.allFinite(), "sigma must be positive");
+        require(t.allFinite(), "t must be finite");
+        for (Eigen::Index p = 0; p + 1 < bounds.size(); ++p) {
+          require(std::is_sorted(t.begin() + bounds[p], t.begin() + bounds[p + 1]),
+                  "t must be sorted within a pair");
+        }
+        const PairsBurstOdds found = burst_nlos_odds(bounds, t, whitened, sigma, nlos_odds, loss, bursts);
+        return std::pair(found.nlos_odds, found.cost);
+      },
+      "bounds"_a, "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
 
   m.def(
       "search_heights",

@@ -80,7 +80,7 @@ struct NlosMixture {
 
   LossValue operator()(double e, const RangeTraits& range) const {
     const double a = background(e, range);
-    if (a == 0.0) return Squared{}(e, range);  // pure Gaussian; the mixture's density underflows far out
+    if (a < 1e-280) return Squared{}(e, range);  // pure Gaussian; the mixture's density underflows far out
     const double s2 = range.sigma * range.sigma / (scale * scale);
     const double tail = 1.0 / (1.0 + e * e * s2);
     const double inlier = std::exp(-0.5 * e * e);

@@ -122,4 +122,20 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
   return out;
 }
 
+PairsBurstOdds burst_nlos_odds(const Eigen::VectorXi& bounds, const Column& t, const Column& whitened,
+                               const Column& sigma, const Column& nlos_odds, const NlosMixture& loss,
+                               const Bursts& bursts) {
+  const Eigen::Index pairs = bounds.size() - 1;
+  PairsBurstOdds out{Column(t.size()), Column(pairs)};
+  for (Eigen::Index p = 0; p < pairs; ++p) {
+    const Eigen::Index begin = bounds[p], count = bounds[p + 1] - begin;
+    const BurstOdds found =
+        burst_nlos_odds(t.segment(begin, count), whitened.segment(begin, count), sigma.segment(begin, count),
+                        nlos_odds.segment(begin, count), loss, bursts);
+    out.nlos_odds.segment(begin, count) = found.nlos_odds;
+    out.cost[p] = found.cost;
+  }
+  return out;
+}
+
 }  // namespace synchronizar

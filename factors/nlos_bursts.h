@@ -37,4 +37,13 @@ struct BurstOdds {
 BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column& sigma,
                           const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts);
 
+// The same of many pairs, each a chain of its own: `bounds` are the first range of each pair, and the end.
+struct PairsBurstOdds {
+  Column nlos_odds;
+  Column cost;  // of each pair's chain
+};
+PairsBurstOdds burst_nlos_odds(const Eigen::VectorXi& bounds, const Column& t, const Column& whitened,
+                               const Column& sigma, const Column& nlos_odds, const NlosMixture& loss,
+                               const Bursts& bursts);
+
 }  // namespace synchronizar

@@ -3,7 +3,7 @@
 Bad arguments raise ValueError. Odds are P(NLOS) / P(not NLOS).
 """
 
-from synchronizar.arrays import Array, Mask
+from synchronizar.arrays import Array, Indices, Mask
 
 class UserPose:
     """common_from_local of a user: its frame (F, H) and one of its keyframe poses (X, Z) in that frame."""
@@ -131,6 +131,88 @@ class CalibratedRangeBlock:
         `height_curvature` (1/m^2) replaces the block's own (factors/calibrated_range_block.h).
         """
 
+class RangeSlot:
+    """n ranges between k users, each of whom is at one keyframe (factors/range_slot.h)."""
+
+    def __init__(
+        self,
+        users: int,
+        user_i: Indices,
+        user_j: Indices,
+        i: Antennas,
+        j: Antennas,
+        measured: Array,
+        sigma: Array,
+        nlos_odds: Array,
+        range_weight: Array,
+    ) -> None:
+        """`user_i`, `user_j` (n,) number the k users from 0; the rest is as in CalibratedRangeBlock."""
+
+    def __len__(self) -> int: ...
+    @property
+    def users(self) -> int:
+        """The number k of users."""
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """The pairs of users that range to each other, in the order in which they come first."""
+
+    def with_weights(self, nlos_odds: Array, range_weight: Array) -> RangeSlot:
+        """The same ranges with other NLOS odds and range weights (n,)."""
+
+    def residuals(self, poses: Array, calibrations: Array) -> Array:
+        """(n,) m, predicted minus measured.
+
+        `poses` (k, 8) are the arguments of UserPose, `calibrations` (k, 3) those of Calibration.
+        """
+
+    def cost(self, poses: Array, calibrations: Array, loss: Loss, annealing: float = 1.0) -> float:
+        """Negative log likelihood: the sum of the losses times the range weights."""
+
+    def square_root(
+        self,
+        poses: Array,
+        calibrations: Array,
+        loss: Loss,
+        annealing: float = 1.0,
+        height_curvature: Array | None = None,
+    ) -> Array:
+        """(r, 11 k + 1) [A b] with r <= 7 k + 1: of each user F (3), H, X (3), Z, log scale, bias, clock; the residual.
+
+        `height_curvature` (1/m^2), one number for each of `pairs`, replaces the pairs' own.
+        """
+
+    def square_root_frames(
+        self,
+        frames: Array,
+        calibrations: Array,
+        loss: Loss,
+        annealing: float = 1.0,
+        height_curvature: Array | None = None,
+    ) -> Array:
+        """(r, 7 k + 1) [A b]: F (3), H, log scale, bias, clock of each user; keyframes lie at the frames' origins.
+
+        `frames` (k, 4) x, y, yaw, height of each user.
+        """
+
+def semidefinite_root(normal: Array) -> Array:
+    """Rows R with R' R = `normal`, as many as its rank; `normal` is positive semidefinite but for rounding."""
+
+def neighbour_counts(bounds: Indices, t: Array, reach: float) -> Array:
+    """(n,) number of ranges of the same pair within `reach` s of each, itself included.
+
+    Here and below `bounds` are the first range of each of p pairs, and the end; `t` (n,) s is sorted within a pair.
+    """
+
+def neighbour_sums(
+    bounds: Indices, t: Array, link: Indices, score: Array, weight: Array, gap: float, most: int
+) -> tuple[Array, Array, float, float]:
+    """Sums over ranges: score^2 and weight^2 of each pair (p,), and over neighbours of score and of weight products.
+
+    Neighbours are ranges of a pair and a link less than `gap` s apart, fewer than `most` ranges of the link apart;
+    their score products are divided by their pair's own variance.
+    """
+
 def mixture_terms(whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture) -> tuple[Array, Array, Array]:
     """(n,) each: loss, weight and probability of line of sight of ranges with these whitened residuals."""
 
@@ -147,6 +229,11 @@ def burst_nlos_odds(
 
     `t` (n,) s, sorted; `whitened` (n,) (predicted - measured) / sigma; `nlos_odds` (n,) prior odds of each by itself.
     """
+
+def burst_nlos_odds_of_pairs(
+    bounds: Indices, t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, bursts: Bursts
+) -> tuple[Array, Array]:
+    """`burst_nlos_odds` of many pairs, each a chain of its own: odds (n,), and the chains' costs (p,)."""
 
 def search_heights(
     frames: Array,

@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import gtsam
 import numpy as np
 
-from synchronizar._core import CalibratedRangeBlock, NlosMixture, burst_nlos_odds, mixture_terms
+from synchronizar._core import CalibratedRangeBlock, NlosMixture, burst_nlos_odds_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices
 from synchronizar.cooperative import Cooperative, finish
 from synchronizar.data.recording import Recording
@@ -31,7 +31,7 @@ from synchronizar.graph.range_factors import CalibratedRangeBlockFactor, Calibra
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, antennas, slam_states, steps, to_rigid_ranges
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_ends
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, mean_by_pair, pair_bounds
 from synchronizar.preprocessing.range_weights import measured_range_weights, prior_range_weights
 
 _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes by more
@@ -219,18 +219,11 @@ class PoseGraph:
         """
         m, s = self.parameters, self.measurements
         whitened = self.residuals(states) / self.sigma
-        odds, cost = np.empty(len(s)), 0.0
-        for pair in pairs(s):
-            k = pair.measurements
-            odds[k], chain = burst_nlos_odds(
-                s.t[k],
-                whitened[k],
-                self.sigma[k],
-                s.nlos_odds[k],
-                self._loss,
-                bursts_of(m),
-            )
-            cost += chain * float(before.range_weight[k].mean())
+        bounds = pair_bounds(s)
+        odds, chains = burst_nlos_odds_of_pairs(
+            bounds, s.t, whitened, self.sigma, s.nlos_odds, self._loss, bursts_of(m)
+        )
+        cost = float(chains @ mean_by_pair(before.range_weight, bounds))
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         for u in self._drifting():
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)

@@ -8,7 +8,7 @@ two antennas. factors/range.h has the equations and the Jacobians.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,7 +16,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from synchronizar._core import CalibratedRangeBlock, Calibration, RangeBlock, UserPose, range_residual
+from synchronizar._core import CalibratedRangeBlock, Calibration, RangeBlock, RangeSlot, UserPose, range_residual
 from synchronizar.arrays import Array
 
 if TYPE_CHECKING:
@@ -172,12 +172,14 @@ class CalibratedUserKeys(NamedTuple):
     """Pose2: a keyframe in the axes of the anchor, SLAM units."""
     local_height: int | None
     """double: the keyframe's height, SLAM units."""
-    calibration: int
+    calibration: int | None
     """Vector (3,): log scale, radio bias (m), clock offset (s) minus the one at which antennas were read."""
     held_frame: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     """x, y, yaw, height of the frame where `frame` is None."""
     held_local: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     """The same of the keyframe where `pose` is None."""
+    held_calibration: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The calibration where `calibration` is None."""
 
     def keys(self) -> list[int]:
         """The keys that are not None, in the order of the Jacobians."""
@@ -187,11 +189,17 @@ class CalibratedUserKeys(NamedTuple):
         """The columns of each key in a row of the core, whose columns for this user begin at `offset`."""
         return _columns(tuple(key is not None for key in self[:5]), offset)
 
-    def read(self, values: gtsam.Values) -> tuple[UserPose, Calibration]:
-        """The user's pose and its device's calibration at these values."""
+    @property
+    def at_origin(self) -> bool:
+        """Whether the keyframe is no variable and lies at the frame's origin."""
+        return self.pose is None and self.local_height is None and not any(self.held_local)
+
+    def read(self, values: gtsam.Values) -> tuple[float, ...]:
+        """At these values: the 8 numbers of the user's pose, and the 3 of its device's calibration."""
         frame = _read(values, self.frame, self.height, self.held_frame)
         local = _read(values, self.pose, self.local_height, self.held_local)
-        return UserPose(*frame, *local), Calibration(*values.atVector(self.calibration))
+        calibration = self.held_calibration if self.calibration is None else values.atVector(self.calibration).tolist()
+        return (*frame, *local, *calibration)
 
 
 class PoseCache:
@@ -203,14 +211,14 @@ class PoseCache:
 
     def __init__(self) -> None:
         self._values: gtsam.Values | None = None
-        self._read: dict[CalibratedUserKeys, tuple[UserPose, Calibration]] = {}
+        self._read: dict[CalibratedUserKeys, tuple[float, ...]] = {}
 
     def hold(self, values: gtsam.Values | None) -> None:
         """Announce values that do not change until the next call; None announces none."""
         self._values, self._read = values, {}
 
-    def of(self, keys: CalibratedUserKeys, values: gtsam.Values) -> tuple[UserPose, Calibration]:
-        """The pose and calibration of `keys` at these values."""
+    def of(self, keys: CalibratedUserKeys, values: gtsam.Values) -> tuple[float, ...]:
+        """What `keys` read at these values."""
         if values is not self._values:
             return keys.read(values)
         known = self._read.get(keys)
@@ -244,8 +252,9 @@ class CalibratedRangeBlockFactor(gtsam.CustomFactor):
         read = pose_cache or PoseCache()
 
         def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-            pose_i, calibration_i = read.of(i, values)
-            pose_j, calibration_j = read.of(j, values)
+            at_i, at_j = read.of(i, values), read.of(j, values)
+            pose_i, calibration_i = UserPose(*at_i[:8]), Calibration(*at_i[8:])
+            pose_j, calibration_j = UserPose(*at_j[:8]), Calibration(*at_j[8:])
             if jacobians is None:
                 norm = np.zeros(10)
                 norm[0] = np.sqrt(2.0 * block.cost(pose_i, calibration_i, pose_j, calibration_j, loss, annealing))
@@ -256,3 +265,54 @@ class CalibratedRangeBlockFactor(gtsam.CustomFactor):
             return root[:, -1]
 
         super().__init__(_CALIBRATED_BLOCK_NOISE, i.keys() + j.keys(), error)
+
+
+class RangeSlotFactor(gtsam.CustomFactor):
+    """All ranges of a slot, between any users, each of whom is at one keyframe: one factor.
+
+    As in RangeBlockFactor, half the squared norm of the error is the sum of the losses, and the linearised rows have
+    the ranges' information. It has no noise model, for the number of rows varies: one where only the error is asked
+    for, and when linearised as many as the information's rank, at most seven a user and one.
+    """
+
+    def __init__(
+        self,
+        users: Sequence[CalibratedUserKeys],
+        slot: RangeSlot,
+        loss: Loss,
+        annealing: float = 1.0,
+        pose_cache: PoseCache | None = None,
+        height_curvature: Array | None = None,
+    ) -> None:
+        """`users` as the slot numbers them; `annealing` >= 1 widens the loss; factors may share a `pose_cache`.
+
+        `height_curvature` (1/m^2) is that of `RangeSlot.square_root`.
+        """
+        read, frames_alone = pose_cache or PoseCache(), all(user.at_origin for user in users)
+        width = 7 if frames_alone else 11
+        columns = [
+            which
+            for n, user in enumerate(users)
+            for which in (_frame_columns(user, width * n) if frames_alone else user.columns(width * n))
+        ]
+
+        def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+            at = np.array([read.of(user, values) for user in users])
+            if jacobians is None:
+                return np.array([np.sqrt(2.0 * slot.cost(at[:, :8], at[:, 8:], loss, annealing))])
+            if frames_alone:
+                root = slot.square_root_frames(at[:, :4], at[:, 8:], loss, annealing, height_curvature)
+            else:
+                root = slot.square_root(at[:, :8], at[:, 8:], loss, annealing, height_curvature)
+            for k, which in enumerate(columns):
+                jacobians[k] = root[:, which]
+            return root[:, -1]
+
+        of_all = [key for user in users for key in user.keys()]  # noqa: SIM118 - no mapping
+        super().__init__(None, of_all, error)  # type: ignore[call-overload]  # gtsam's stubs know no missing model
+
+
+def _frame_columns(user: CalibratedUserKeys, offset: int) -> list[slice]:
+    """The columns of each key in a row of `RangeSlot.square_root_frames`."""
+    bounds = zip((user.frame, user.height, user.calibration), [(0, 3), (3, 4), (4, 7)], strict=True)
+    return [slice(offset + begin, offset + end) for key, (begin, end) in bounds if key is not None]

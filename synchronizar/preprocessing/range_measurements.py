@@ -57,13 +57,24 @@ class Pair(NamedTuple):
     measurements: slice
 
 
+def pair_bounds(measurements: RangeMeasurements) -> Indices:
+    """(p + 1,) the first range of each of p pairs of users with ranges, and the end."""
+    if not len(measurements):
+        return np.zeros(1, dtype=np.int32)
+    change = np.flatnonzero(np.diff(measurements.i) | np.diff(measurements.j)) + 1
+    return np.concatenate([[0], change, [len(measurements)]]).astype(np.int32)
+
+
+def mean_by_pair(column: Array, bounds: Indices) -> Array:
+    """(p,) the mean of a column (n,) over the ranges of each pair."""
+    if len(bounds) < 2:
+        return np.zeros(0)
+    return np.asarray(np.add.reduceat(column, bounds[:-1]) / np.diff(bounds))
+
+
 def pairs(measurements: RangeMeasurements) -> Iterator[Pair]:
     """Each pair of users with ranges, and the slice of these."""
-    if not len(measurements):
-        return
-    change = np.flatnonzero(np.diff(measurements.i) | np.diff(measurements.j)) + 1
-    bounds = [0, *change.tolist(), len(measurements)]
-    for begin, end in pairwise(bounds):
+    for begin, end in pairwise(pair_bounds(measurements).tolist()):
         yield Pair(int(measurements.i[begin]), int(measurements.j[begin]), slice(begin, end))
 
 

@@ -11,19 +11,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from synchronizar._core import neighbour_counts as core_neighbour_counts
+from synchronizar._core import neighbour_sums
 from synchronizar.arrays import Array, Indices
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds
 
 
 def neighbour_counts(measurements: RangeMeasurements, parameters: Parameters) -> Array:
     """(n,) number of ranges of the same pair within `multipath_duration` before or after each, itself included."""
-    out = np.ones(len(measurements))
-    half = parameters.ranges.multipath_duration
-    for pair in pairs(measurements):
-        t = measurements.t[pair.measurements]
-        out[pair.measurements] = np.searchsorted(t, t + half, side="right") - np.searchsorted(t, t - half, side="left")
-    return out
+    return core_neighbour_counts(pair_bounds(measurements), measurements.t, parameters.ranges.multipath_duration)
 
 
 def prior_range_weights(measurements: RangeMeasurements, parameters: Parameters) -> Array:
@@ -50,43 +47,34 @@ def measured_range_weights(
     some of these pass for line-of-sight and the reverse, so the weights are divided by 1 + c r (1 - r) with
     c = `nlos_confusion`.
     """
-    score = weight * whitened
-    product = both = 0.0
-    squares, weights = [], []
-    for pair in pairs(measurements):
-        k = pair.measurements
-        order = np.lexsort((measurements.t[k], links[k]))
-        t, link, s, w = measurements.t[k][order], links[k][order], score[k][order], weight[k][order]
-        squares.append(float((s**2).sum()))
-        weights.append(float((w**2).sum()))
-        own = max(squares[-1] / max(weights[-1], 1e-9), 1e-9)
-        for lag in range(1, min(parameters.ranges.multipath_most_neighbours, len(t))):
-            near = (t[lag:] - t[:-lag] < parameters.ranges.multipath_neighbour_gap) & (link[lag:] == link[:-lag])
-            product += float((s[lag:] * s[:-lag])[near].sum()) / own
-            both += float((w[lag:] * w[:-lag])[near].sum())
-    weight_of_all = parameters.ranges.multipath_weight + both
-    correlation = (
-        parameters.ranges.multipath_weight * parameters.ranges.multipath_correlation + product
-    ) / weight_of_all
+    r = parameters.ranges
+    bounds = pair_bounds(measurements)
+    squares, weights, product, both = neighbour_sums(
+        bounds,
+        measurements.t,
+        links,
+        weight * whitened,
+        weight,
+        r.multipath_neighbour_gap,
+        r.multipath_most_neighbours,
+    )
+    weight_of_all = r.multipath_weight + both
+    correlation = (r.multipath_weight * r.multipath_correlation + product) / weight_of_all
     # A correlation that may be chance counts as none (positive-part James-Stein shrinkage).
-    by_chance = parameters.ranges.multipath_chance / np.sqrt(weight_of_all)
+    by_chance = r.multipath_chance / np.sqrt(weight_of_all)
     correlation = min(
-        max(correlation - by_chance**2 / max(correlation, by_chance), 0.0),
-        parameters.ranges.multipath_largest_correlation,
+        max(correlation - by_chance**2 / max(correlation, by_chance), 0.0), r.multipath_largest_correlation
     )
     independent = 1.0 / (1.0 + correlation * (neighbour_counts(measurements, parameters) - 1.0))
 
+    count, late = np.diff(bounds), weight < 0.5
+    late_before = np.concatenate([[0], np.cumsum(late)])
+    nlos_share_of_all = float(late.mean()) if len(weight) else 0.0
+    nlos_share = (r.pair_weight * nlos_share_of_all + np.diff(late_before[bounds])) / (r.pair_weight + count)
+    of_all = float(squares.sum()) / max(float(weights.sum()), 1e-9)
+    of_pair = (r.pair_weight * of_all + squares) / (r.pair_weight + weights)
     nominal = (measurements.sigma / model_sigma) ** 2
-    of_all = sum(squares) / max(sum(weights), 1e-9)
-    nlos_share_of_all = float((weight < 0.5).mean()) if len(weight) else 0.0
-    variance = np.empty(len(measurements))
-    for pair, square, count in zip(pairs(measurements), squares, weights, strict=True):
-        k = pair.measurements
-        nlos_share = (parameters.ranges.pair_weight * nlos_share_of_all + float((weight[k] < 0.5).sum())) / (
-            parameters.ranges.pair_weight + k.stop - k.start
-        )
-        variance[k] = np.maximum(
-            (parameters.ranges.pair_weight * of_all + square) / (parameters.ranges.pair_weight + count), nominal[k]
-        )
-        variance[k] *= 1.0 + parameters.ranges.nlos_confusion * nlos_share * (1.0 - nlos_share)
-    return np.asarray(independent / variance)
+    variance = np.maximum(np.repeat(of_pair, count), nominal)
+    return np.asarray(
+        independent / (variance * np.repeat(1.0 + r.nlos_confusion * nlos_share * (1.0 - nlos_share), count))
+    )

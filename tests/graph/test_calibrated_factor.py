@@ -99,7 +99,11 @@ def block_of(n: int, offset: float = 0.3) -> CalibratedRangeBlock:
 
 def read(i: CalibratedUserKeys, j: CalibratedUserKeys) -> tuple[UserPose, Calibration, UserPose, Calibration]:
     values = values_of(i.keys() + j.keys())
-    return *i.read(values), *j.read(values)
+    return *split(i.read(values)), *split(j.read(values))
+
+
+def split(numbers: tuple[float, ...]) -> tuple[UserPose, Calibration]:
+    return UserPose(*numbers[:8]), Calibration(*numbers[8:])
 
 
 def test_one_range_has_the_numerical_jacobians(ends: RangeEnds) -> None:
@@ -201,11 +205,11 @@ def test_factors_live_as_long_as_their_graph() -> None:
     assert graph.error(values_of(I_FREE.keys() + J_FREE.keys())) == pytest.approx(expected, rel=1e-12)
 
 
-def predicted(of_keys: tuple[UserPose, Calibration]) -> float:
+def predicted(numbers: tuple[float, ...]) -> float:
     """m: a number that hangs on everything that was read."""
     ones = (np.ones((1, 3)), np.ones((1, 3)), np.ones((1, 3)))
     block = CalibratedRangeBlock(ones, ones, np.zeros(1), np.ones(1), np.zeros(1), np.ones(1))
-    return float(block.residuals(*of_keys, UserPose(), Calibration())[0])
+    return float(block.residuals(*split(numbers), UserPose(), Calibration())[0])
 
 
 def test_what_is_read_is_kept_while_the_values_are_held() -> None:
