@@ -134,6 +134,10 @@ class DeviceParameters:
     """s, 1 sigma of what all have in common: the ranges' own delay."""
     clock_dof: float = 3.0
     """Degrees of freedom for both: most clocks are set by a network to some ms, some are off by 0.15 s."""
+    scale_walk: float = 2e-4
+    """per square root of a second: how log scales drift while people walk. Assumed: 1 % in an hour."""
+    bias_walk: float = 5e-4
+    """m per square root of a second: how radios' biases drift while people walk. Assumed: 0.03 m in an hour."""
     clock_walk: float = 1e-4
     """s per square root of a second: how clocks drift while people walk. Two quartz clocks that are 20 ppm apart part
     by 20 us each second; this follows with a lag of some ms."""

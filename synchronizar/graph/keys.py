@@ -7,6 +7,7 @@ from itertools import pairwise
 import gtsam
 
 _MOST_KEYFRAMES = 10**7  # per user: keys are numbered user by user
+_MOST_USERS = 10**4  # per slot: keys are numbered slot by slot
 
 MEAN_HEIGHT: int = gtsam.symbol("L", 0)
 """double (m): the mean height of all SLAM origins."""
@@ -39,9 +40,24 @@ def local_height(user: int, keyframe: int) -> int:
     return int(gtsam.symbol("Z", user * _MOST_KEYFRAMES + keyframe))
 
 
+def slot_pose(user: int, slot: int) -> int:
+    """Key of a Pose2: a user's device at the begin of a slot, and SLAM's axes, in the common frame."""
+    return int(gtsam.symbol("x", slot * _MOST_USERS + user))
+
+
+def slot_height(user: int, slot: int) -> int:
+    """Key of a double (m): the device's height then, in the common frame."""
+    return int(gtsam.symbol("h", slot * _MOST_USERS + user))
+
+
+def slot_calibration(user: int, slot: int) -> int:
+    """Key of a Vector (3,): log scale, radio bias (m) and clock offset (s) then."""
+    return int(gtsam.symbol("d", slot * _MOST_USERS + user))
+
+
 def rows(keys: list[int]) -> list[slice]:
     """The rows of each key's variable in the stacked vector of all."""
-    size = {ord("F"): 3, ord("X"): 3, ord("D"): 3, ord("K"): 3}
+    size = {ord(symbol): 3 for symbol in "FXDKxd"}
     bounds = [0]
     for key in keys:
         bounds.append(bounds[-1] + size.get(gtsam.symbolChr(key), 1))

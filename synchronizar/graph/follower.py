@@ -1,0 +1,252 @@
+"""The graph that follows people, on gtsam's iSAM2: slots come at one end, are marginalised at the other.
+
+The factors and variables are in slot_factors.py. Nothing in the graph lives for the whole walk, so nothing freezes at
+a bad linearisation. Variables are eliminated in the order of time: the newest slot is the root, so its factor is
+replaced cheaply as ranges come, and the oldest slot is a leaf, which is marginalised out into a linear factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.graph import keys
+
+_THRESHOLDS = {
+    "x": np.array([0.06, 0.06, 0.03]),  # m, m, rad
+    "h": np.array([0.1]),  # m
+    "d": np.array([0.01, 0.05, 0.03]),  # log scale, m, s
+}
+"""Estimates that are further from where they were linearised are linearised anew."""
+_NEVER = 10**9  # updates: iSAM2 linearises anew when it is told to, so that the order of time can be kept
+_STEPS = 5  # Gauss-Newton steps of a graph that is built anew, at most
+
+
+class SlotState(NamedTuple):
+    """A user at a slot."""
+
+    pose: tuple[float, float, float]
+    """x, y (m), yaw (rad) in the common frame."""
+    height: float
+    """m, of the device in the common frame."""
+    calibration: Array
+    """(3,) log scale, radio bias (m), clock offset (s) minus the assumed one."""
+
+
+class _Placed(NamedTuple):
+    """A factor and its index in the tree; None before the next update."""
+
+    factor: gtsam.NonlinearFactor
+    index: int | None
+
+
+class Follower:
+    """A graph whose factors have names, and its iSAM2 tree."""
+
+    def __init__(self) -> None:
+        self._factors: dict[Hashable, _Placed] = {}
+        self._new: dict[Hashable, None] = {}
+        self._dropped: list[int] = []
+        self._inserted = gtsam.Values()
+        self._slots: dict[int, list[int]] = {}
+        self._touched: int | None = None
+        self._tree, self._at = _tree()
+
+    # What is in it
+
+    @property
+    def slots(self) -> dict[int, list[int]]:
+        """The users of each slot, slots by time."""
+        return self._slots
+
+    def __contains__(self, name: Hashable) -> bool:
+        return name in self._factors
+
+    def names(self) -> Iterable[Hashable]:
+        """Of all factors."""
+        return self._factors.keys()
+
+    def insert(self, user: int, slot: int, state: SlotState) -> None:
+        """A new user of a slot, where the next update begins. Factors must follow before that."""
+        self._slots.setdefault(slot, []).append(user)
+        if len(self._slots) > 1 and slot < next(reversed(self._slots)):
+            self._slots = dict(sorted(self._slots.items()))
+        self._inserted.insert(keys.slot_pose(user, slot), gtsam.Pose2(*state.pose))
+        self._inserted.insert(keys.slot_height(user, slot), state.height)
+        self._inserted.insert(keys.slot_calibration(user, slot), np.asarray(state.calibration, dtype=float))
+
+    def put(self, name: Hashable, factor: gtsam.NonlinearFactor, slot: int) -> None:
+        """A factor, instead of the one of the same name; `slot` is the earliest that it touches."""
+        placed = self._factors.get(name)
+        if placed is not None and placed.index is not None:
+            self._dropped.append(placed.index)
+        self._factors[name] = _Placed(factor, None)
+        self._new[name] = None
+        self._touched = slot if self._touched is None else min(self._touched, slot)
+
+    # Solving
+
+    def update(self) -> None:
+        """Take in what was put since the last update, and solve.
+
+        Raises RuntimeError where a variable is seen by no factor.
+        """
+        stale = self._stale()
+        first = min((s for s in (stale, self._touched) if s is not None), default=None)
+        if first is None:
+            return
+        graph = gtsam.NonlinearFactorGraph()
+        names = list(self._new)
+        for name in names:
+            graph.push_back(self._factors[name].factor)
+        params = gtsam.ISAM2UpdateParams()
+        params.removeFactorIndices = self._dropped
+        params.force_relinearize = stale is not None
+        order, again = gtsam.KeyGroupMap(), gtsam.KeyList()
+        touched = [key for slot, users in self._slots.items() if slot >= first for key in _keys(users, slot)]
+        for key in touched:
+            if not self._inserted.exists(key):
+                again.push_back(key)
+        # Cliques may hold slots before the first that is touched, which come first, in the order of time too. gtsam takes
+        # no more groups than there are variables to eliminate.
+        ordered = list(self._slots.items())[1 - len(touched) :]
+        for group, (slot, users) in enumerate(ordered):
+            for key in _keys(users, slot):
+                order.insert2(key, group)
+        params.constrainedKeys, params.extraReelimKeys = order, again
+        result = self._tree.update(graph, self._inserted, params)
+        for name, index in zip(names, result.getNewFactorsIndices(), strict=True):
+            self._factors[name] = self._factors[name]._replace(index=index)
+        self._new, self._dropped, self._inserted, self._touched = {}, [], gtsam.Values(), None
+        self._at = self._tree.getLinearizationPoint()
+
+    def _stale(self) -> int | None:
+        """The first slot with an estimate that is too far from where it was linearised."""
+        if not self._tree.size():
+            return None
+        delta = self._tree.getDelta()
+        for slot, users in self._slots.items():
+            for u in users:
+                for symbol, key in zip("xhd", _keys([u], slot), strict=True):
+                    if not self._inserted.exists(key) and (np.abs(delta.at(key)) > _THRESHOLDS[symbol]).any():
+                        return slot
+        return None
+
+    def rebuild(self) -> None:
+        """The tree made anew of all factors, at the present estimates, and solved."""
+        self._build(self.estimates())
+        self.settle()
+
+    def settle(self) -> None:
+        """Linearise and solve until no estimate is far from where it was linearised."""
+        for _ in range(_STEPS):
+            if self._stale() is None:
+                break
+            self.update()
+
+    def _build(self, values: gtsam.Values) -> None:
+        self._tree, self._at = _tree()
+        self._inserted, self._dropped = values, []
+        self._factors = {name: placed._replace(index=None) for name, placed in self._factors.items()}
+        self._new = dict.fromkeys(self._factors)
+        self._touched = next(iter(self._slots), None)
+        self.update()
+
+    def estimates(self) -> gtsam.Values:
+        """Of all variables, those included that no update has seen yet."""
+        values = self._tree.calculateEstimate()
+        values.insert(self._inserted)
+        return values
+
+    def drop(self, name: Hashable) -> None:
+        """Take a factor out."""
+        placed = self._factors.pop(name)
+        self._new.pop(name, None)
+        if placed.index is not None:
+            self._dropped.append(placed.index)
+
+    def drop_user(self, user: int) -> None:
+        """Take a user's variables out; its ranges must be gone already, its priors are marginalised. Then `rebuild`."""
+        own = {key for slot, users in self._slots.items() if user in users for key in _keys([user], slot)}
+        values = self.estimates()
+        linear = gtsam.GaussianFactorGraph()
+        for name, (factor, _) in list(self._factors.items()):
+            touched = own.intersection(factor.keys())
+            if not touched:
+                continue
+            if len(touched) < factor.size():  # it tells of others too
+                linear.push_back(factor.linearize(values))
+            self.drop(name)
+        gone = [key for key in linear.keys() if key in own] if linear.size() else []  # noqa: SIM118 - gtsam's
+        if gone:
+            _, left = linear.eliminatePartialSequential(keys.ordering(gone))
+            for n in range(left.size()):
+                if left.at(n) is not None and left.at(n).size():
+                    name = ("marginal", "of", user, n, next(iter(self._slots)))
+                    self._factors[name] = _Placed(gtsam.LinearContainerFactor(left.at(n), values), None)
+                    self._new[name] = None
+        for key in own:
+            values.erase(key)
+        self._slots = {slot: [u for u in users if u != user] for slot, users in self._slots.items()}
+        self._slots = {slot: users for slot, users in self._slots.items() if users}
+        self._build(values)
+
+    def marginalize(self, before: int) -> None:
+        """Leave out the slots before `before`; what they tell stays as linear factors on the later ones."""
+        leaves = [slot for slot in self._slots if slot < before]
+        if not leaves:
+            return
+        self.update()
+        listed = gtsam.KeyList()
+        for slot in leaves:
+            for key in _keys(self._slots[slot], slot):
+                listed.push_back(key)
+        left, gone = self._tree.marginalizeLeavesWithIndices(listed)
+        deleted = set(gone)
+        self._factors = {name: placed for name, placed in self._factors.items() if placed.index not in deleted}
+        graph = self._tree.getFactorsUnsafe()
+        for index in left:
+            self._factors["marginal", before, index] = _Placed(graph.at(index), index)
+        for slot in leaves:
+            del self._slots[slot]
+        self._at = self._tree.getLinearizationPoint()
+
+    # What it tells
+
+    def state(self, user: int, slot: int) -> SlotState:
+        """A user's at a slot."""
+        pose = self._tree.calculateEstimatePose2(keys.slot_pose(user, slot))
+        height = self._tree.calculateEstimateDouble(keys.slot_height(user, slot))
+        calibration = self._tree.calculateEstimateVector(keys.slot_calibration(user, slot))
+        return SlotState((pose.x(), pose.y(), pose.theta()), height, calibration)
+
+    def covariance(self, users: list[int], slot: int) -> Array:
+        """(7 k, 7 k) joint covariance of users at a slot: tangents of X, H and D of each in turn."""
+        wanted = gtsam.KeyVector(_keys(users, slot)) if hasattr(gtsam, "KeyVector") else _keys(users, slot)
+        return np.asarray(self._tree.jointMarginalCovariance(wanted).fullMatrix())
+
+
+def _keys(users: Iterable[int], slot: int) -> list[int]:
+    return [
+        key
+        for u in users
+        for key in (keys.slot_pose(u, slot), keys.slot_height(u, slot), keys.slot_calibration(u, slot))
+    ]
+
+
+def _tree() -> tuple[gtsam.ISAM2, gtsam.Values]:
+    """An empty tree, and its linearisation point: while Python holds it, no update copies it."""
+    params = gtsam.ISAM2Params()
+    thresholds = gtsam.ISAM2ThresholdMap()
+    for symbol, threshold in _THRESHOLDS.items():
+        thresholds.insert((symbol, threshold))
+    params.setRelinearizeThreshold(thresholds)
+    params.relinearizeSkip = _NEVER
+    params.findUnusedFactorSlots = True
+    params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(1e-6))
+    tree = gtsam.ISAM2(params)
+    return tree, tree.getLinearizationPoint()

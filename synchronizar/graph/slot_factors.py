@@ -1,0 +1,206 @@
+"""Factors of the graph that follows people: SLAM's steps from slot to slot, priors of those who join, ranges of a slot.
+
+Variables, per user and slot: X (Pose2) is the device's place in the common frame and how its SLAM's axes lie there, H
+(double, m) the device's height, D (Vector 3) log scale, radio bias (m) and clock offset (s). X is the relative frame
+composed with SLAM's own pose of that moment, so a drift of the heading turns about the device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import cos, exp, pi, sin
+from typing import TYPE_CHECKING, NamedTuple
+
+import gtsam
+import numpy as np
+
+from synchronizar._core import RangeSlot
+from synchronizar.arrays import Array
+from synchronizar.graph import keys
+from synchronizar.graph.states import CLOCK, SCALE
+from synchronizar.parameters import Parameters
+
+if TYPE_CHECKING:
+    from synchronizar._core import Loss
+
+_STEP_DIMENSION = 4
+_Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
+
+
+class SlamStep(NamedTuple):
+    """How a device moved from one slot's begin to another's, as its SLAM has it."""
+
+    displacement: tuple[float, float, float]
+    """SLAM units, in SLAM's axes."""
+    sigma: tuple[float, float, float]
+    """1 sigma in x and y (m), in height (m), in yaw (rad)."""
+    duration: float
+    """s."""
+
+
+def step_factor(user: int, begin: int, end: int, step: SlamStep, parameters: Parameters) -> gtsam.CustomFactor:
+    """SLAM's step of a user between two slots, under Student's t as a robust noise model.
+
+    With s = exp(log scale) and SLAM's displacement d the error is R(yaw)' (t_end - t_begin) - s d_xy,
+    H_end - H_begin - s d_z and yaw_end - yaw_begin, over sigma. Student's t with f degrees of freedom is, as a scale
+    mixture of normals, Cauchy's weight k^2 / (k^2 + e^2) with k^2 = f + 4.
+    """
+    dx, dy, dz = step.displacement
+    plane, up, turn = (1.0 / sigma for sigma in step.sigma)
+    here, there = keys.slot_pose(user, begin), keys.slot_pose(user, end)
+    low, high, device = keys.slot_height(user, begin), keys.slot_height(user, end), keys.slot_calibration(user, begin)
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+        a, b = values.atPose2(here), values.atPose2(there)
+        scale = exp(values.atVector(device)[SCALE])
+        yaw, turned = a.theta(), b.theta() - a.theta()
+        turned -= 2.0 * pi * round(turned / (2.0 * pi))
+        c, s = cos(yaw), sin(yaw)
+        east, north = b.x() - a.x(), b.y() - a.y()
+        x, y = c * east + s * north, c * north - s * east
+        rise = values.atDouble(high) - values.atDouble(low)
+        if jacobians is not None:
+            ct, st = cos(turned), sin(turned)
+            jacobians[0] = np.array(
+                [[-plane, 0.0, y * plane], [0.0, -plane, -x * plane], [0.0, 0.0, 0.0], [0.0, 0.0, -turn]]
+            )
+            jacobians[1] = np.array([[0.0], [0.0], [-up], [0.0]])
+            jacobians[2] = np.array(
+                [
+                    [-scale * dx * plane, 0.0, 0.0],
+                    [-scale * dy * plane, 0.0, 0.0],
+                    [-scale * dz * up, 0.0, 0.0],
+                    [0.0, 0.0, 0.0],
+                ]
+            )
+            jacobians[3] = np.array(
+                [[ct * plane, -st * plane, 0.0], [st * plane, ct * plane, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, turn]]
+            )
+            jacobians[4] = np.array([[0.0], [0.0], [up], [0.0]])
+        return np.array(
+            [(x - scale * dx) * plane, (y - scale * dy) * plane, (rise - scale * dz) * up, turned * turn]
+        )
+
+    return gtsam.CustomFactor(_student(parameters.slam.drift_dof), [here, low, device, there, high], error)
+
+
+def _student(dof: float) -> gtsam.noiseModel.Base:
+    width = gtsam.noiseModel.mEstimator.Cauchy.Create(float(np.sqrt(dof + _STEP_DIMENSION)))
+    return gtsam.noiseModel.Robust.Create(width, gtsam.noiseModel.Unit.Create(_STEP_DIMENSION))
+
+
+def calibration_walk_factor(
+    user: int, begin: int, end: int, duration: float, parameters: Parameters
+) -> gtsam.BetweenFactorVector:
+    """How scale, bias and clock of a device may change between two slots that are `duration` s apart."""
+    devices = parameters.devices
+    walk = np.array([devices.scale_walk, devices.bias_walk, devices.clock_walk]) * np.sqrt(duration)
+    noise = gtsam.noiseModel.Diagonal.Sigmas(walk)
+    here, there = keys.slot_calibration(user, begin), keys.slot_calibration(user, end)
+    return gtsam.BetweenFactorVector(here, there, np.zeros(3), noise)
+
+
+class Joining(NamedTuple):
+    """A user as the prior of those who join knows it."""
+
+    user: int
+    slot: int
+    """Where its variables begin."""
+    height: float
+    """SLAM units: of the device in its own SLAM frame then."""
+    assumed_clock: float
+    """s: what its clock variable counts from."""
+    height_sigma: float
+    """m, 1 sigma of its origin about the mean level of all."""
+    calibration_sigma: Array
+    """(3,) 1 sigma of its log scale, bias (m) and clock (s) about what all devices share."""
+
+
+def joining_prior(
+    new: Sequence[Joining], known: Sequence[Joining], shared_sigma: Array
+) -> gtsam.CustomFactor:
+    """Prior of the heights of origins and of the calibrations of users who join, given those who are there already.
+
+    An origin lies at h = H - exp(log scale) z about the level L of all; a device's calibration deviates from what all
+    share, K, which has 1 sigma `shared_sigma` (3,) about 0. L and K are marginalised out: with precisions p of those who
+    join, and L or K known from the others with precision P as m, the rows are sqrt(p) (h - M) and sqrt(P) (m - M), where
+    M is the mean of all.
+    """
+    everybody = [*new, *known]
+    weight = np.array([[u.height_sigma**-2, *(u.calibration_sigma**-2)] for u in everybody])
+    joins = np.arange(len(everybody)) < len(new)
+    before = (weight[~joins]).sum(axis=0) + np.array([0.0, *(shared_sigma**-2)])
+    total = weight[joins].sum(axis=0) + before
+    # Rows: of each who joins, and of what is known before; columns: of everybody.
+    to_known = np.where(joins[:, None], 0.0, np.divide(weight, before, out=np.zeros_like(weight), where=before > 0.0))
+    to_mean = weight / total
+    root = np.empty((4, len(new) + 1, len(everybody)))
+    for c in range(4):
+        root[c, :-1] = np.sqrt(weight[joins, c])[:, None] * (np.eye(len(everybody))[joins] - to_mean[:, c])
+        root[c, -1] = np.sqrt(before[c]) * (to_known[:, c] - to_mean[:, c])
+    z, clock = np.array([u.height for u in everybody]), np.array([u.assumed_clock for u in everybody])
+    heights = [keys.slot_height(u.user, u.slot) for u in everybody]
+    calibrations = [keys.slot_calibration(u.user, u.slot) for u in everybody]
+    rows = 4 * (len(new) + 1)
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+        devices = np.array([values.atVector(key) for key in calibrations])
+        scale = np.exp(devices[:, SCALE])
+        level = np.array([values.atDouble(key) for key in heights]) - scale * z
+        devices[:, CLOCK] += clock
+        if jacobians is not None:
+            for n in range(len(everybody)):
+                by_height, by_device = np.zeros((rows, 1)), np.zeros((rows, 3))
+                size = len(new) + 1
+                by_height[:size, 0] = root[0, :, n]
+                by_device[:size, SCALE] = -root[0, :, n] * scale[n] * z[n]
+                for c in range(3):
+                    by_device[(c + 1) * size : (c + 2) * size, c] = root[c + 1, :, n]
+                jacobians[2 * n], jacobians[2 * n + 1] = by_height, by_device
+        return np.concatenate([root[0] @ level, *(root[c + 1] @ devices[:, c] for c in range(3))])
+
+    names = [key for pair in zip(heights, calibrations, strict=True) for key in pair]
+    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), names, error)
+
+
+class SlotRangeFactor(gtsam.CustomFactor):
+    """All ranges of a slot, between any of its users, as one factor of seven rows a user and one.
+
+    As in `RangeSlotFactor`, half the squared norm of the error is the cost, and the linearised rows have the ranges'
+    information.
+    """
+
+    def __init__(
+        self, slot: int, users: Sequence[int], ranges: RangeSlot, loss: Loss, curvature: Array | None = None
+    ) -> None:
+        """`users` are those of `ranges`, in its order; `curvature` (1/m^2), one a pair, is that of `RangeSlot`."""
+        poses = [keys.slot_pose(u, slot) for u in users]
+        heights = [keys.slot_height(u, slot) for u in users]
+        calibrations = [keys.slot_calibration(u, slot) for u in users]
+        size = 7 * len(users)
+        rows = size + 1
+
+        def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+            frames, devices = np.empty((len(users), 4)), np.empty((len(users), 3))
+            for n, (pose, height, calibration) in enumerate(zip(poses, heights, calibrations, strict=True)):
+                at = values.atPose2(pose)
+                frames[n] = at.x(), at.y(), at.theta(), values.atDouble(height)
+                devices[n] = values.atVector(calibration)
+            out = np.zeros(rows)
+            if jacobians is None:
+                local = np.zeros((len(users), 8))
+                local[:, :4] = frames
+                out[0] = np.sqrt(2.0 * ranges.cost(local, devices, loss))
+                return out
+            root = ranges.square_root_frames(frames, devices, loss, height_curvature=curvature)
+            full = np.zeros((rows, size + 1))
+            full[: len(root)] = root
+            for n in range(len(users)):
+                at = 7 * n
+                jacobians[3 * n] = full[:, at : at + 3]
+                jacobians[3 * n + 1] = full[:, at + 3 : at + 4]
+                jacobians[3 * n + 2] = full[:, at + 4 : at + 7]
+            return full[:, -1]
+
+        names = [key for triple in zip(poses, heights, calibrations, strict=True) for key in triple]
+        super().__init__(gtsam.noiseModel.Unit.Create(rows), names, error)
