@@ -128,7 +128,7 @@ class JumpSearch(NamedTuple):
         return max(parameters.slam.jump_tilt, parameters.slam.jump_spread * self.noise.attitude)
 
 
-class _Prediction(NamedTuple):
+class Prediction(NamedTuple):
     """Prediction of n steps from the steps beside them."""
 
     twist: Array
@@ -159,11 +159,10 @@ def search_jumps(
     turned[: len(decided)] = False
     by_attitude = _jumped_by_attitude(track, steps, jumped, turned, prediction.attitude_error, parameters)
     if by_attitude.any():
-        prediction = _predict(steps, ~(jumped | by_attitude), parameters.slam.jump_neighbours, parameters)
-    own = NoiseLevels(interval, *(_noise_level(e) for e in (prediction.position_error, prediction.attitude_error)))
-    return JumpSearch(
-        steps, jumped | by_attitude, turned, prediction.position_error, prediction.attitude_error, noise or own
-    )
+        prediction = predict_steps(steps, ~(jumped | by_attitude), parameters.slam.jump_neighbours, parameters)
+    errors = prediction.position_error, prediction.attitude_error
+    noise = noise or NoiseLevels(interval, _noise_level(errors[0]), _noise_level(errors[1]))
+    return JumpSearch(steps, jumped | by_attitude, turned, *errors, noise)
 
 
 def steps_of(track: Track) -> Steps:
@@ -173,14 +172,12 @@ def steps_of(track: Track) -> Steps:
     inverse = inverse_quaternions(q[:-1])
     body_displacement = rotate_by_quaternions(inverse, displacement)
     turn = rotation_vectors(multiply_quaternions(inverse, q[1:]))
-    return Steps(
-        track.t[:-1], dt, displacement, np.column_stack([body_displacement, displacement, turn]) / dt[:, None]
-    )
+    return Steps(track.t[:-1], dt, displacement, np.column_stack([body_displacement, displacement, turn]) / dt[:, None])
 
 
 def _jumped_by_position(
     steps: Steps, factor: Array, noise: NoiseLevels | None, decided: Mask, parameters: Parameters
-) -> tuple[Mask, _Prediction]:
+) -> tuple[Mask, Prediction]:
     """(n,) which steps are jumps by their displacement; and how the others predict each.
 
     A jump must exceed: the least one that is worth repairing; a dt^2 / 4, the most that the acceleration a makes of a
@@ -191,7 +188,7 @@ def _jumped_by_position(
     least = np.maximum(parameters.slam.jump_least, 0.25 * parameters.slam.jump_acceleration * steps.dt**2)
     jumped = np.zeros(len(steps.dt), dtype=bool)
     jumped[: len(decided)] = decided
-    prediction = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters)
+    prediction = predict_steps(steps, ~jumped, parameters.slam.jump_neighbours, parameters)
     for _ in range(_PASSES):
         error = prediction.position_error
         level = factor * (_noise_level(error) if noise is None else noise.position)
@@ -204,7 +201,7 @@ def _jumped_by_position(
         if (found == jumped).all():
             break
         jumped = found
-        prediction = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters)
+        prediction = predict_steps(steps, ~jumped, parameters.slam.jump_neighbours, parameters)
     return jumped, prediction
 
 
@@ -242,7 +239,7 @@ def _jumped_by_attitude(
     return found
 
 
-def _predict(steps: Steps, good: Mask, neighbours: int, parameters: Parameters) -> _Prediction:
+def predict_steps(steps: Steps, good: Mask, neighbours: int, parameters: Parameters) -> Prediction:
     """Each step as predicted by the medians of so many good steps before and after it.
 
     A device that starts, stops or turns has different velocities before and after, and any in between during the step:
@@ -255,7 +252,7 @@ def _predict(steps: Steps, good: Mask, neighbours: int, parameters: Parameters) 
     k, near = np.arange(len(steps.dt)), np.arange(neighbours)
     rows = np.flatnonzero(good)
     if not len(rows):
-        return _Prediction(np.zeros_like(steps.twist), np.zeros(len(k)), np.zeros(len(k)))
+        return Prediction(np.zeros_like(steps.twist), np.zeros(len(k)), np.zeros(len(k)))
     sides = []
     for index in (np.searchsorted(rows, k)[:, None] - 1 - near, np.searchsorted(rows, k, "right")[:, None] + near):
         there = rows[np.clip(index, 0, len(rows) - 1)]
@@ -269,7 +266,7 @@ def _predict(steps: Steps, good: Mask, neighbours: int, parameters: Parameters) 
         _distance_to_segment(*(a[:, i : i + 3] for a in (steps.twist, before, after))) for i in (0, 3, 6)
     )
     predicted = np.where(n_before + n_after >= _FEWEST_NEIGHBOURS, steps.dt, 0.0)
-    return _Prediction(0.5 * (before + after), predicted * np.minimum(body, slam), predicted * rate)
+    return Prediction(0.5 * (before + after), predicted * np.minimum(body, slam), predicted * rate)
 
 
 def rebuild_jumps(
@@ -282,7 +279,7 @@ def rebuild_jumps(
     changed beyond noise.
     """
     at = _rows(jumped)
-    moved = _predict(steps, ~jumped, 1, parameters).twist[at] * steps.dt[at, None]
+    moved = predict_steps(steps, ~jumped, 1, parameters).twist[at] * steps.dt[at, None]
     q, q_next = track.quat_xyzw[at], track.quat_xyzw[at + 1]
     turns = multiply_quaternions(
         multiply_quaternions(q, quaternions_of_rotation_vectors(moved[:, 6:])), inverse_quaternions(q_next)
