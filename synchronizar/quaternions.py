@@ -20,7 +20,7 @@ def multiply_quaternions(left: Array, right: Array) -> Array:
     """(..., 4) Hamilton products: the rotation `right` followed by `left`."""
     lv, lw = left[..., :3], left[..., 3:]
     rv, rw = right[..., :3], right[..., 3:]
-    vector = lw * rv + rw * lv + np.cross(lv, rv)
+    vector = lw * rv + rw * lv + _cross(lv, rv)
     scalar = lw * rw - np.sum(lv * rv, axis=-1, keepdims=True)
     return np.concatenate([vector, scalar], axis=-1)
 
@@ -43,8 +43,8 @@ def normalized_quaternions(quat_xyzw: Array) -> Array:
 def rotate_by_quaternions(quat_xyzw: Array, vectors: Array) -> Array:
     """(..., 3) vectors rotated by unit quaternions (..., 4): v + 2 w (q x v) + 2 q x (q x v)."""
     q, w = quat_xyzw[..., :3], quat_xyzw[..., 3:]
-    t = 2.0 * np.cross(q, vectors)
-    return vectors + w * t + np.cross(q, t)
+    t = 2.0 * _cross(q, vectors)
+    return vectors + w * t + _cross(q, t)
 
 
 def rotation_vectors(quat_xyzw: Array) -> Array:
@@ -97,3 +97,13 @@ def tilt_of_quaternions(quat_xyzw: Array) -> Array:
     """(...,) rad, 0 to pi: the angle between z and z rotated by unit quaternions (..., 4)."""
     horizontal, vertical = np.linalg.norm(quat_xyzw[..., :2], axis=-1), np.linalg.norm(quat_xyzw[..., 2:], axis=-1)
     return np.asarray(2.0 * np.arctan2(horizontal, vertical))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """(..., 3) cross products, to the last bit those of `np.cross`, which takes five times as long on a few rows."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    product[..., 0] = ay * bz - az * by
+    product[..., 1] = az * bx - ax * bz
+    product[..., 2] = ax * by - ay * bx
+    return product

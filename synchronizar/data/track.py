@@ -55,20 +55,25 @@ class Track:
 
         A time before the first stamp, after the last, or inside a gap longer than `max_gap` s is not valid.
         """
-        after = np.clip(np.searchsorted(self.t, t, side="left"), min(1, len(self) - 1), len(self) - 1)
-        before = np.maximum(after - 1, 0)
-        gap = self.t[after] - self.t[before]
-        valid = (t >= self.t[0]) & (t <= self.t[-1])
-        at_a_stamp = (t == self.t[after]) | (t == self.t[before])
-        valid &= (gap <= max_gap) | at_a_stamp
-        u = np.divide(t - self.t[before], gap, out=np.zeros(len(t)), where=gap > 0.0)[:, None]
-        u = np.clip(u, 0.0, 1.0)
-        position = (1.0 - u) * self.position[before] + u * self.position[after]
-        q0, q1 = self.quat_xyzw[before], self.quat_xyzw[after]
-        sign = np.where(np.sum(q0 * q1, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
-        chord = (1.0 - u) * q0 + u * sign * q1
-        return Poses(position, chord / np.linalg.norm(chord, axis=1, keepdims=True), valid)
+        return interpolated(self.t, self.position, self.quat_xyzw, t, max_gap)
 
     def extent(self) -> float:
         """m: diagonal of the positions' bounding box; the two furthest are apart by this over sqrt(3) at least."""
         return float(np.linalg.norm(np.ptp(self.position, axis=0)))
+
+
+def interpolated(stamps: Array, positions: Array, quats_xyzw: Array, t: Array, max_gap: float) -> Poses:
+    """The poses at times t (n,) s among some with rising stamps, as `Track.at` has them."""
+    after = np.clip(np.searchsorted(stamps, t, side="left"), min(1, len(stamps) - 1), len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    gap = stamps[after] - stamps[before]
+    valid = (t >= stamps[0]) & (t <= stamps[-1])
+    at_a_stamp = (t == stamps[after]) | (t == stamps[before])
+    valid &= (gap <= max_gap) | at_a_stamp
+    u = np.divide(t - stamps[before], gap, out=np.zeros(len(t)), where=gap > 0.0)[:, None]
+    u = np.clip(u, 0.0, 1.0)
+    position = (1.0 - u) * positions[before] + u * positions[after]
+    q0, q1 = quats_xyzw[before], quats_xyzw[after]
+    sign = np.where(np.sum(q0 * q1, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+    chord = (1.0 - u) * q0 + u * sign * q1
+    return Poses(position, chord / np.linalg.norm(chord, axis=1, keepdims=True), valid)

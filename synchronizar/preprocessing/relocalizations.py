@@ -55,19 +55,15 @@ class RepairedTrack:
 
 def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrack:
     """The repaired track; without jumps it is the given track itself."""
-    steps = _steps(track)
-    jumped = np.zeros(len(steps.dt), dtype=bool)
-    if len(track) > 1:
-        jumped = _jumped_by_position(steps, parameters)
-        jumped |= _jumped_by_attitude(track, steps, jumped, parameters)
+    search = search_jumps(track, parameters)
+    steps, jumped = search.steps, search.jumped
     segment = np.concatenate([[0], np.cumsum(jumped)]).astype(np.int32)
     if not jumped.any():
         return RepairedTrack(track, (), segment, IDENTITY[None, :].copy(), np.ones(1, dtype=bool))
 
     at = _rows(jumped)
-    noise = _noise_level(_predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).attitude_error)
-    least_tilt = max(parameters.slam.jump_tilt, parameters.slam.jump_spread * noise)
-    continued, displacement = _rebuild_jumps(track, steps, jumped, least_tilt, parameters)
+    least_tilt = search.least_tilt(parameters)
+    continued, displacement = rebuild_jumps(track, steps, jumped, least_tilt, parameters)
     repaired_from_slam, level = _level_segments(track, segment, continued, least_tilt)
 
     attitude = multiply_quaternions(repaired_from_slam[segment], track.quat_xyzw)
@@ -89,7 +85,18 @@ def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrac
     )
 
 
-class _Steps(NamedTuple):
+class NoiseLevels(NamedTuple):
+    """What the steps of a track are like where nothing is wrong."""
+
+    interval: float
+    """s: median of the steps' durations."""
+    position: float
+    """m: 95 % quantile of the errors with which a step is predicted from its neighbours."""
+    attitude: float
+    """rad: the same of its turn."""
+
+
+class Steps(NamedTuple):
     """The n steps between consecutive poses of a track."""
 
     begin: Array
@@ -101,68 +108,121 @@ class _Steps(NamedTuple):
     twist: Array
     """(n, 9): velocity in body axes, velocity in SLAM's axes (m/s), angular rate in body axes (rad/s)."""
 
-    @property
-    def noise_factor(self) -> Array:
-        """(n,) velocity-noise factor: dt / median dt, at least 1."""
-        return np.maximum(self.dt / np.median(self.dt), 1.0)
+
+class JumpSearch(NamedTuple):
+    """What was found out about the n steps of a track."""
+
+    steps: Steps
+    jumped: Mask
+    """(n,) which are jumps."""
+    turned: Mask
+    """(n,) which others turned faster than a device can; those that turned back, or turned alone, are no jumps."""
+    position_error: Array
+    """(n,) m: distance of the step from any that its neighbours allow, jumps not among these."""
+    attitude_error: Array
+    """(n,) rad: the same of the attitude."""
+    noise: NoiseLevels
+
+    def least_tilt(self, parameters: Parameters) -> float:
+        """rad: the vertical of SLAM's axes changed in a jump if it did by more than this."""
+        return max(parameters.slam.jump_tilt, parameters.slam.jump_spread * self.noise.attitude)
 
 
-class _Prediction(NamedTuple):
+class Prediction(NamedTuple):
     """Prediction of n steps from the steps beside them."""
 
     twist: Array
-    """(n, 9) as in `_Steps`: mean of the medians before and after."""
+    """(n, 9) as in `Steps`: mean of the medians before and after."""
     position_error: Array
     """(n,) m: distance of the step from any that the neighbours' velocities allow."""
     attitude_error: Array
     """(n,) rad: the same of the attitude."""
 
 
-def _steps(track: Track) -> _Steps:
+def search_jumps(
+    track: Track, parameters: Parameters, noise: NoiseLevels | None = None, decided: Mask | None = None
+) -> JumpSearch:
+    """Which steps of a track are jumps.
+
+    A stretch of a longer track is searched with that track's `noise`, which else is the stretch's own, and with what
+    was `decided` (k,) of its first k steps before: which of them are jumps.
+    """
+    steps = steps_of(track)
+    decided = np.zeros(0, dtype=bool) if decided is None else decided
+    nothing = np.zeros(len(steps.dt), dtype=bool)
+    if not len(steps.dt):
+        return JumpSearch(steps, nothing, nothing, np.zeros(0), np.zeros(0), noise or NoiseLevels(0.0, 0.0, 0.0))
+    interval = float(np.median(steps.dt)) if noise is None else noise.interval
+    factor = parameters.slam.jump_spread * np.maximum(steps.dt / interval, 1.0)
+    jumped, prediction = _jumped_by_position(steps, factor, noise, decided, parameters)
+    turned = _turned_too_fast(steps, factor, noise, jumped, prediction.attitude_error, parameters)
+    turned[: len(decided)] = False
+    by_attitude = _jumped_by_attitude(track, steps, jumped, turned, prediction.attitude_error, parameters)
+    if by_attitude.any():
+        prediction = predict_steps(steps, ~(jumped | by_attitude), parameters.slam.jump_neighbours, parameters)
+    errors = prediction.position_error, prediction.attitude_error
+    noise = noise or NoiseLevels(interval, _noise_level(errors[0]), _noise_level(errors[1]))
+    return JumpSearch(steps, jumped | by_attitude, turned, *errors, noise)
+
+
+def steps_of(track: Track) -> Steps:
+    """The steps between the poses of a track."""
     q = track.quat_xyzw
     dt, displacement = np.diff(track.t), np.diff(track.position, axis=0)
     inverse = inverse_quaternions(q[:-1])
     body_displacement = rotate_by_quaternions(inverse, displacement)
     turn = rotation_vectors(multiply_quaternions(inverse, q[1:]))
-    return _Steps(
-        track.t[:-1], dt, displacement, np.column_stack([body_displacement, displacement, turn]) / dt[:, None]
-    )
+    return Steps(track.t[:-1], dt, displacement, np.column_stack([body_displacement, displacement, turn]) / dt[:, None])
 
 
-def _jumped_by_position(steps: _Steps, parameters: Parameters) -> Mask:
-    """(n,) which steps are jumps by their displacement.
+def _jumped_by_position(
+    steps: Steps, factor: Array, noise: NoiseLevels | None, decided: Mask, parameters: Parameters
+) -> tuple[Mask, Prediction]:
+    """(n,) which steps are jumps by their displacement; and how the others predict each.
 
     A jump must exceed: the least one that is worth repairing; a dt^2 / 4, the most that the acceleration a makes of a
-    step that begins and ends with the neighbours' velocity; and the track's own noise level. In a resampled track a
-    jump between two stamps shows in two steps, so beside a jump half of the first two bounds is enough.
+    step that begins and ends with the neighbours' velocity; and `factor` times the track's own noise level. In a
+    resampled track a jump between two stamps shows in two steps, so beside a jump half of the first two bounds is
+    enough.
     """
     least = np.maximum(parameters.slam.jump_least, 0.25 * parameters.slam.jump_acceleration * steps.dt**2)
-    spread = parameters.slam.jump_spread * steps.noise_factor
     jumped = np.zeros(len(steps.dt), dtype=bool)
+    jumped[: len(decided)] = decided
+    prediction = predict_steps(steps, ~jumped, parameters.slam.jump_neighbours, parameters)
     for _ in range(_PASSES):
-        error = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).position_error
-        noise = spread * _noise_level(error)
-        found = error > np.maximum(least, noise)
+        error = prediction.position_error
+        level = factor * (_noise_level(error) if noise is None else noise.position)
+        found = error > np.maximum(least, level)
         beside = np.zeros_like(found)
         beside[1:] |= found[:-1]
         beside[:-1] |= found[1:]
-        found |= beside & (error > np.maximum(0.5 * least, noise))
+        found |= beside & (error > np.maximum(0.5 * least, level))
+        found[: len(decided)] = decided
         if (found == jumped).all():
             break
         jumped = found
-    return jumped
+        prediction = predict_steps(steps, ~jumped, parameters.slam.jump_neighbours, parameters)
+    return jumped, prediction
 
 
-def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, parameters: Parameters) -> Mask:
-    """(n,) which other steps are jumps by their attitude: SLAM's axes turned about the device.
+def _turned_too_fast(
+    steps: Steps, factor: Array, noise: NoiseLevels | None, jumped: Mask, error: Array, parameters: Parameters
+) -> Mask:
+    """(n,) which steps that are no jumps turn the attitude faster than a device can."""
+    level = factor * (_noise_level(error) if noise is None else noise.attitude)
+    least = np.maximum(np.maximum(level, parameters.slam.jump_turn), parameters.slam.jump_rate * steps.dt)
+    return np.asarray((error > least) & ~jumped)
 
-    The attitude turns faster than a device can, and does not return within `glitch_duration`; one that returns was a
-    glitch of the attitude alone. As at every jump, velocities then decide whether axes or attitude turned.
+
+def _jumped_by_attitude(
+    track: Track, steps: Steps, jumped: Mask, turned: Mask, error: Array, parameters: Parameters
+) -> Mask:
+    """(n,) which of the steps that `turned` too fast are jumps: SLAM's axes turned about the device.
+
+    The attitude does not return within `glitch_duration`; one that returns was a glitch of the attitude alone. As at
+    every jump, velocities then decide whether axes or attitude turned.
     """
-    error = _predict(steps, ~jumped, parameters.slam.jump_neighbours, parameters).attitude_error
-    noise = parameters.slam.jump_spread * steps.noise_factor * _noise_level(error)
-    least = np.maximum(np.maximum(noise, parameters.slam.jump_turn), parameters.slam.jump_rate * steps.dt)
-    candidates = _rows((error > least) & ~jumped)
+    candidates = _rows(turned)
     found = np.zeros_like(jumped)
     if not len(candidates):
         return found
@@ -179,7 +239,7 @@ def _jumped_by_attitude(track: Track, steps: _Steps, jumped: Mask, parameters: P
     return found
 
 
-def _predict(steps: _Steps, good: Mask, neighbours: int, parameters: Parameters) -> _Prediction:
+def predict_steps(steps: Steps, good: Mask, neighbours: int, parameters: Parameters) -> Prediction:
     """Each step as predicted by the medians of so many good steps before and after it.
 
     A device that starts, stops or turns has different velocities before and after, and any in between during the step:
@@ -192,7 +252,7 @@ def _predict(steps: _Steps, good: Mask, neighbours: int, parameters: Parameters)
     k, near = np.arange(len(steps.dt)), np.arange(neighbours)
     rows = np.flatnonzero(good)
     if not len(rows):
-        return _Prediction(np.zeros_like(steps.twist), np.zeros(len(k)), np.zeros(len(k)))
+        return Prediction(np.zeros_like(steps.twist), np.zeros(len(k)), np.zeros(len(k)))
     sides = []
     for index in (np.searchsorted(rows, k)[:, None] - 1 - near, np.searchsorted(rows, k, "right")[:, None] + near):
         there = rows[np.clip(index, 0, len(rows) - 1)]
@@ -206,11 +266,11 @@ def _predict(steps: _Steps, good: Mask, neighbours: int, parameters: Parameters)
         _distance_to_segment(*(a[:, i : i + 3] for a in (steps.twist, before, after))) for i in (0, 3, 6)
     )
     predicted = np.where(n_before + n_after >= _FEWEST_NEIGHBOURS, steps.dt, 0.0)
-    return _Prediction(0.5 * (before + after), predicted * np.minimum(body, slam), predicted * rate)
+    return Prediction(0.5 * (before + after), predicted * np.minimum(body, slam), predicted * rate)
 
 
-def _rebuild_jumps(
-    track: Track, steps: _Steps, jumped: Mask, least_tilt: float, parameters: Parameters
+def rebuild_jumps(
+    track: Track, steps: Steps, jumped: Mask, least_tilt: float, parameters: Parameters
 ) -> tuple[Array, Array]:
     """Each segment's axes (segments, 4) in those of the first, and all displacements (n, 3) m with jumps rebuilt.
 
@@ -219,7 +279,7 @@ def _rebuild_jumps(
     changed beyond noise.
     """
     at = _rows(jumped)
-    moved = _predict(steps, ~jumped, 1, parameters).twist[at] * steps.dt[at, None]
+    moved = predict_steps(steps, ~jumped, 1, parameters).twist[at] * steps.dt[at, None]
     q, q_next = track.quat_xyzw[at], track.quat_xyzw[at + 1]
     turns = multiply_quaternions(
         multiply_quaternions(q, quaternions_of_rotation_vectors(moved[:, 6:])), inverse_quaternions(q_next)
@@ -241,7 +301,7 @@ def _rebuild_jumps(
     return axes, displacement
 
 
-def _axes_stayed(steps: _Steps, jumped: Mask, run: Indices, parameters: Parameters) -> bool:
+def _axes_stayed(steps: Steps, jumped: Mask, run: Indices, parameters: Parameters) -> bool:
     """Whether the attitude alone went wrong in a run of steps: velocity continues in SLAM's axes, not in the body's.
 
     Velocities are means over half of `glitch_duration` before and after. Where the device hardly moves they do not

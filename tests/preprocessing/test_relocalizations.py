@@ -6,31 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-from support.paths import SHARED
+from support.relocalised import about, glitched, real, relocalised, walk, with_recordings, without
 
-from synchronizar.arrays import Array, Mask
+from synchronizar.arrays import Array
 from synchronizar.data.track import Track
-from synchronizar.io.tum import read_tum
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.quaternions import multiply_quaternions, rotate_by_quaternions, yaw_quaternion
 from synchronizar.simulation.simulate import Scene, simulate
 
-RECORDINGS = SHARED / "recordings"
 MODEL = Parameters()
 UP = np.array([0.0, 0.0, 1.0])
 DEGREE = np.pi / 180.0
-
-with_recordings = pytest.mark.skipif(
-    not RECORDINGS.is_dir(), reason=f"{RECORDINGS} with the real recordings is not there"
-)
-
-
-def about(axis: int, angle: float) -> Array:
-    """(4,) a turn about x, y or z."""
-    q = np.zeros(4)
-    q[axis], q[3] = np.sin(0.5 * angle), np.cos(0.5 * angle)
-    return q
 
 
 def inverse(q: Array) -> Array:
@@ -39,29 +26,6 @@ def inverse(q: Array) -> Array:
 
 def angle(q: Array) -> Array:
     return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., :3], axis=-1), np.abs(q[..., 3])))
-
-
-def walk(seconds: float = 10.0, hz: float = 20.0, speed: float = 1.0, turning: float = 0.0) -> Track:
-    """Straight on, or along a circle that begins at the origin in the direction of x, facing forward."""
-    t = np.arange(round(seconds * hz)) / hz
-    yaw = turning * t
-    x, y = (np.sin(yaw) / turning, (1.0 - np.cos(yaw)) / turning) if turning else (t, 0.0 * t)
-    q = np.array([yaw_quaternion(each) for each in yaw.tolist()])
-    return Track(t, speed * np.column_stack([x, y, 0.0 * t]), q)
-
-
-def relocalised(track: Track, pose: int, shift: tuple[float, float, float], turn: Array | None = None) -> Track:
-    """The track as SLAM gives it whose axes turn about the device at `pose` by `turn`, and which is off by `shift`."""
-    turn = yaw_quaternion(0.0) if turn is None else turn
-    position, q = track.position.copy(), track.quat_xyzw.copy()
-    here = position[pose].copy()
-    position[pose:] = here + shift + rotate_by_quaternions(turn, position[pose:] - here)
-    q[pose:] = multiply_quaternions(turn, q[pose:])
-    return Track(track.t, position, q)
-
-
-def without(track: Track, keep: Mask) -> Track:
-    return Track(track.t[keep], track.position[keep], track.quat_xyzw[keep])
 
 
 def poses_of(repaired_tracks: RepairedTrack) -> list[int]:
@@ -193,12 +157,6 @@ def test_many_small_tilts_do_not_add_up() -> None:
     np.testing.assert_allclose(
         rotate_by_quaternions(repaired_tracks.repaired_from_slam, UP), np.tile(UP, (12, 1)), atol=1e-12
     )
-
-
-def glitched(track: Track, poses: slice, turn: Array) -> Track:
-    q = track.quat_xyzw.copy()
-    q[poses] = multiply_quaternions(turn, q[poses])
-    return replace(track, quat_xyzw=q)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.4, 1.5, 6.0])
@@ -392,10 +350,6 @@ def test_drift_alone_makes_no_jump(hz: float, kind: str) -> None:
     )
     for track in simulate(scene).recording.tracks.values():
         assert repair_relocalizations(track, MODEL).track is track
-
-
-def real(recording: str, user: str, folder: str = "tracks") -> Track:
-    return read_tum(RECORDINGS / recording / folder / f"{user}.tum")
 
 
 def rmse_xy(track: Track, truth: Track) -> float:

@@ -1,0 +1,756 @@
+"""One device's poses as they come, its relocalisation jumps found and removed on the way.
+
+What `repair_relocalizations` does to a whole track is done here pose by pose, with the same physics and thresholds. An
+impossible step makes the stream suspect at its very pose; a few poses later the search of the batch, on the stretch
+about it, decides whether it was a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices, Mask
+from synchronizar.data.jump import Jump
+from synchronizar.data.track import Poses, Track, interpolated
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.relocalizations import (
+    JumpSearch,
+    NoiseLevels,
+    predict_steps,
+    rebuild_jumps,
+    search_jumps,
+    steps_of,
+)
+from synchronizar.preprocessing.running_quantile import RunningQuantile
+from synchronizar.preprocessing.stamp_guard import Admitted, StampGuard
+from synchronizar.quaternions import (
+    IDENTITY,
+    inverse_quaternions,
+    multiply_quaternions,
+    normalized_quaternions,
+    rotate_by_quaternions,
+    tilt_of_quaternions,
+    yaw_of_quaternions,
+    yaw_quaternion,
+)
+
+_UP = np.array([0.0, 0.0, 1.0])
+_FIRST_ROWS = 256
+_ROUNDING = 1e-14  # of the square of a unit quaternion's length
+_T, _RAW_POSITION, _RAW_ATTITUDE, _POSITION, _ATTITUDE = 0, slice(1, 4), slice(4, 8), slice(8, 11), slice(11, 15)
+_TRAVELLED, _SEGMENT, _REBUILT = 15, 16, 17
+_COLUMNS = 18
+_USUAL = 0.95  # quantile of prediction errors that is their noise level, as in the batch
+_CHECK_INTERVAL = 0.5  # s: where some step is not smooth, the two-sided search follows after so much
+_SMOOTH = 0.15  # of the least jump: where no step changes by more, three of them do not add up to half of it
+_TURNS = 0.4  # of the least turn that may be a jump: the same
+_SEARCH_INTERVAL = 2.0  # s: and in any case after so much, since it also measures the noise
+_FEWEST_STEPS = 20  # for a noise level
+_MANY_STEPS = 100  # from so many on a few jumps do not raise it
+_NEARLY = 0.9  # of a turn from which on axes may have stayed: then what follows decides
+_MOST = 0.9  # quantile of steps that is usual
+_SOME = 8  # latest jumps that a suspicion may have been about
+_CONTEXT_ROWS = 8  # before what is searched: neighbours of the first step
+_Pose = tuple[float, float, float, float, float, float, float]
+
+
+class Suspicion(NamedTuple):
+    """Why the poses from some moment on may not be where SLAM says."""
+
+    t: float
+    """s: the first pose in doubt."""
+    kind: Literal["jump", "frozen"]
+    distance: float
+    """m: how far the position is from what the last steps allow."""
+    turn: float
+    """rad: the same of the attitude."""
+
+
+class Dismissed(NamedTuple):
+    """A suspicion that what came next did not confirm."""
+
+    t: float
+    """s: the pose that was in doubt."""
+
+
+class Levelled(NamedTuple):
+    """SLAM's vertical from some pose on held longer than the one before: from there on the track is level by it."""
+
+    t: float
+    """s: the first pose that is levelled by it; the path goes on."""
+    tilt: float
+    """rad: how far the track before is from level."""
+    lift: float
+    """m: SLAM's own height there, by which a batch repair begins, minus the track's."""
+
+
+class SetAside(NamedTuple):
+    """Poses that are left out."""
+
+    first: float
+    """s: the earliest stamp among them, ..."""
+    last: float
+    """... and the latest."""
+    poses: int
+    """How many."""
+    reason: Literal["stray", "frozen"]
+
+
+Event = Jump | Dismissed | Levelled | SetAside
+
+
+class Tail(NamedTuple):
+    """n consecutive poses of the repaired track; copies."""
+
+    t: Array
+    """(n,) s, strictly rising."""
+    position: Array
+    """(n, 3) m."""
+    quat_xyzw: Array
+    """(n, 4)."""
+    segment: Indices
+    """(n,) how many times axes changed before each pose, since the stream began."""
+    rebuilt: Mask
+    """(n,) whether the step that leads to the pose was rebuilt from its neighbours."""
+    travelled: Array
+    """(n,) m: way since the stream began."""
+
+
+class Axes(NamedTuple):
+    """Repaired track from SLAM's own frame, for poses of the newest segment."""
+
+    quat_xyzw: Array
+    """(4,) repaired from SLAM."""
+    offset: Array
+    """(3,) m: a repaired position is this plus SLAM's, turned."""
+    level: bool
+    """Whether SLAM's vertical is trusted; else its steps are taken for horizontal, and `offset` has the height."""
+
+    def repaired(self, position: Array, quat_xyzw: Array) -> tuple[Array, Array]:
+        """SLAM's positions (..., 3) and attitudes (..., 4) in the repaired track's frame."""
+        place = rotate_by_quaternions(self.quat_xyzw, position)
+        if not self.level:
+            place[..., 2] = 0.0
+        return place + self.offset, multiply_quaternions(self.quat_xyzw, quat_xyzw)
+
+
+class _Vertical:
+    """A direction in the continued axes that some segments agree on as up."""
+
+    def __init__(self, up: Array, seconds: float = 0.0) -> None:
+        self.up, self.seconds = up, seconds
+
+
+class PoseStream:
+    """The repaired track of one device, from SLAM's poses as they come."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+        self._frozen_after = parameters.diagnosis.frozen_duration
+        self._gap = parameters.diagnosis.stray_gap
+        self._guard: StampGuard[_Pose] = StampGuard(parameters)
+        self.faults = 0
+        """How many poses were no numbers."""
+        self.repeated = 0
+        """How many had the stamp of another one; the first counts."""
+        self.set_aside = 0
+        """How many were set aside, stray or frozen."""
+        self.suspicions = 0
+        """How many times the stream became suspect."""
+        self.suspect: Suspicion | None = None
+        """Since when poses may not be where they seem; None as a rule."""
+        self._events: list[Event] = []
+        self.jumps: list[Jump] = []
+        """All that were found, as in `RepairedTrack`; `pose` counts from the first pose of the stream."""
+        self._clear()
+
+    def _clear(self) -> None:
+        """No pose, and nothing known of the steps."""
+        self._table = np.empty((_FIRST_ROWS, _COLUMNS))
+        self._rows = 0
+        self._pending: list[tuple[float, ...]] = []
+        self._forgotten = 0
+        self._count = 0  # of rows, those pending among them
+        self._decided = 1  # rows whose steps are known to be jumps or none; the first has no step
+        self._t, self._same_since = -math.inf, -math.inf
+        self._x = self._y = self._z = math.nan
+        self._qx = self._qy = self._qz = 0.0
+        self._qw = 1.0
+        self._vx = self._vy = self._vz = 0.0
+        self._worst = 0.0  # m^2: square of the largest change of a step since the last search
+        self._least_dot = 1.0
+        self._gate = self._parameters.slam.jump_least**2
+        self._dot_gate = math.cos(0.5 * _TURNS * self._parameters.slam.jump_turn)
+        self._check_at, self._search_at, self._check_count = -math.inf, -math.inf, 0
+        self._stands, self._froze = False, False
+        self._intervals, self._position_errors, self._attitude_errors, self._lengths, self._turns = (
+            RunningQuantile() for _ in range(5)
+        )
+        # Segments: repaired from SLAM, offset, level. Continued: in the axes of the first, as they are, tilt and all.
+        self._axes: list[Axes] = [Axes(IDENTITY.copy(), np.zeros(3), True)]
+        self._continued = IDENTITY.copy()
+        self._untilt = IDENTITY.copy()
+        self._verticals = [_Vertical(_UP.copy())]
+        self._level_vertical = self._own_vertical = 0
+        self._segment_since = -math.inf
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, t: float, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
+        """SLAM's next pose (s by its own clock, m); the attitude need not be of unit length."""
+        x, y, z = position
+        qx, qy, qz, qw = quat_xyzw
+        guard = self._guard
+        if not (0.0 < t - guard.last <= self._gap and not guard.held):
+            self._add_unusual(t, x, y, z, qx, qy, qz, qw)
+            return
+        square = qx * qx + qy * qy + qz * qz + qw * qw
+        if not abs(square - 1.0) < _ROUNDING:
+            if not (math.isfinite(square) and square > 0.0):
+                self.faults += 1
+                return
+            length = math.sqrt(square)
+            qx, qy, qz, qw = qx / length, qy / length, qz / length, qw / length
+        if not math.isfinite(x + y + z):
+            self.faults += 1
+            return
+        guard.last = t
+        guard.count += 1
+        self._take(t, x, y, z, qx, qy, qz, qw)
+
+    def _add_unusual(self, t: float, *pose: float) -> None:
+        """The first pose, or one whose stamp is not a little later than the last one."""
+        if not all(map(math.isfinite, (t, *pose))) or not any(pose[3:]):
+            self.faults += 1
+            return
+        length = math.hypot(*pose[3:])
+        if not 0.0 < length < math.inf:
+            self.faults += 1
+            return
+        square = sum(q * q for q in pose[3:])
+        if abs(square - 1.0) > _ROUNDING:
+            pose = (*pose[:3], *(q / length for q in pose[3:]))
+        x, y, z, qx, qy, qz, qw = pose
+        self._take_admitted(self._guard.admit(t, (x, y, z, qx, qy, qz, qw)))
+
+    def _take_admitted(self, admitted: Admitted[_Pose]) -> None:
+        aside = list(admitted.aside)
+        if admitted.anew:
+            aside += self._table_now()[:, _T].tolist()
+            self._clear()
+            self.suspect = None
+        if aside:
+            self.set_aside += len(aside)
+            self._events.append(SetAside(min(aside), max(aside), len(aside), "stray"))
+        for t, pose in admitted.items:
+            if t > self._t:
+                self._take(t, *pose)
+            else:
+                self._insert(t, pose)
+
+    def _take(self, t: float, x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float) -> None:
+        """A sound pose after all others."""
+        dt = t - self._t
+        dx, dy, dz = x - self._x, y - self._y, z - self._z
+        if dx == dy == dz == 0.0 and qx == self._qx and qy == self._qy and qz == self._qz and qw == self._qw:
+            if not self._stands and t - self._same_since >= self._frozen_after:
+                self._stands = True
+                self._freeze()
+        else:
+            self._stands = False
+            if self._t - self._same_since >= self._frozen_after and self._thaw(x, y, z, qx, qy, qz, qw):
+                dt = t - self._t
+            self._same_since = t
+        ex, ey, ez = dx - self._vx * dt, dy - self._vy * dt, dz - self._vz * dt
+        square = ex * ex + ey * ey + ez * ez
+        dot = abs(qx * self._qx + qy * self._qy + qz * self._qz + qw * self._qw)
+        self._pending.append((t, x, y, z, qx, qy, qz, qw))
+        self._count += 1
+        self._t, self._x, self._y, self._z = t, x, y, z
+        self._qx, self._qy, self._qz, self._qw = qx, qy, qz, qw
+        self._vx, self._vy, self._vz = dx / dt, dy / dt, dz / dt
+        if square > self._worst:
+            self._worst = square
+        if dot < self._least_dot:
+            self._least_dot = dot
+        if (square > self._gate or dot < self._dot_gate) and self.suspect is None:
+            self._look()
+        if t >= self._check_at or (self._check_count and self._count >= self._check_count):
+            self._check()
+
+    def settle(self) -> None:
+        """Decide all that is open: nothing more comes."""
+        self._take_admitted(self._guard.settle())
+        self._check(settle=True)
+
+    def take_events(self) -> list[Event]:
+        """What was found since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    # Reading
+
+    def last(self) -> Tail | None:
+        """The newest pose, n = 1; None before the first."""
+        table = self._table_now()
+        return _tail(table[-1:]) if len(table) else None
+
+    def tail(self, since: float) -> Tail:
+        """All poses stamped `since` (s) or later."""
+        table = self._table_now()
+        return _tail(table[np.searchsorted(table[:, _T], since) :])
+
+    def at(self, t: Array) -> Poses:
+        """The repaired poses at times (n,) s, as `Track.at` has them with the longest gap between poses."""
+        table = self._table_now()
+        if not len(table) or not len(t):
+            n = len(t)
+            return Poses(np.zeros((n, 3)), np.tile(IDENTITY, (n, 1)), np.zeros(n, dtype=bool))
+        stamps = table[:, _T]
+        first = max(int(np.searchsorted(stamps, np.min(t), side="right")) - 2, 0)
+        last = int(np.searchsorted(stamps, np.max(t))) + 2
+        table = table[first:last]
+        longest = self._parameters.slam.longest_pose_gap
+        return interpolated(table[:, _T], table[:, _POSITION], table[:, _ATTITUDE], t, longest)
+
+    def current_axes(self) -> Axes:
+        """Repaired track from SLAM's frame, for poses after the last one."""
+        return self._axes[-1]
+
+    def forget(self, before: float) -> None:
+        """Poses stamped earlier than `before` (s) are needed no more; those that checks need stay."""
+        table = self._table_now()
+        open_since = table[min(self._decided, len(table)) - 1, _T] if len(table) else 0.0
+        context = open_since - 1.5 * self._parameters.slam.glitch_duration
+        first = int(np.searchsorted(table[:, _T], min(before, context)))
+        first = min(first, self._decided - 1 - _CONTEXT_ROWS)
+        if first > len(table) // 4:
+            left = table[first:].copy()
+            self._table[: len(left)] = left
+            self._rows = len(left)
+            self._count -= first
+            self._decided -= first
+            if self._check_count:
+                self._check_count -= first
+            self._forgotten += first
+
+    # Storage
+
+    def _table_now(self) -> Array:
+        """(n, columns) all rows; a view."""
+        if self._pending:
+            new = len(self._pending)
+            while self._rows + new > len(self._table):
+                self._table = np.concatenate([self._table, np.empty_like(self._table)])
+            rows = self._table[self._rows : self._rows + new]
+            rows[:, : _RAW_ATTITUDE.stop] = self._pending
+            self._pending.clear()
+            rows[:, _REBUILT] = 0.0
+            self._rows += new
+            if self._rows == new:
+                self._segment_since = float(rows[0, _T])
+            self._repair(self._rows - new, len(self._axes) - 1)
+        return self._table[: self._rows]
+
+    def _repair(self, first: int, segment: int) -> None:
+        """Rows from `first` on belong to a segment."""
+        rows = self._table[first : self._rows]
+        _repair_rows(rows, self._axes[segment])
+        rows[:, _SEGMENT] = segment
+        self._measure(first)
+
+    def _measure(self, first: int) -> None:
+        """The way travelled, of rows from `first` on."""
+        if first == 0 and self._rows:
+            self._table[0, _TRAVELLED] = self._table[0, _TRAVELLED] if self._forgotten else 0.0
+            first = 1
+        place = self._table[first - 1 : self._rows, _POSITION]
+        dx, dy, dz = (place[1:, i] - place[:-1, i] for i in range(3))
+        steps = np.sqrt(dx * dx + dy * dy + dz * dz)
+        travelled = self._table[first - 1 : self._rows, _TRAVELLED]
+        travelled[1:] = np.cumsum(np.concatenate([travelled[:1], steps]))[1:]
+
+    def _insert(self, t: float, pose: _Pose) -> None:
+        """A pose that comes late."""
+        table = self._table_now()
+        row = int(np.searchsorted(table[:, _T], t))
+        if row < len(table) and table[row, _T] == t:
+            self.repeated += 1
+            return
+        if row == 0 and self._forgotten:
+            return
+        new = np.zeros(_COLUMNS)
+        new[: _RAW_ATTITUDE.stop] = (t, *pose)
+        before, after = table[max(row - 1, 0)], table[row]
+        beside = before
+        if before[_SEGMENT] != after[_SEGMENT]:
+            near = [float(np.linalg.norm(new[_RAW_POSITION] - other[_RAW_POSITION])) for other in (before, after)]
+            if near[1] < near[0]:
+                beside, new[_REBUILT] = after, after[_REBUILT]
+                after[_REBUILT] = 0.0
+        new[_SEGMENT] = beside[_SEGMENT]
+        if row == 0:
+            self._segment_since = t if new[_SEGMENT] == 0.0 else self._segment_since
+        _repair_rows(new[None, :], self._axes[int(new[_SEGMENT])])
+        if self._rows == len(self._table):
+            self._table = np.concatenate([self._table, np.empty_like(self._table)])
+        self._table[row + 1 : self._rows + 1] = self._table[row : self._rows].copy()
+        self._table[row] = new
+        self._rows += 1
+        self._count += 1
+        if row < self._decided:
+            self._decided += 1
+        if self._check_count:
+            self._check_count += 1
+        self._measure(row)
+        self._worst = math.inf  # the search will tell
+        self._same_since = max(self._same_since, t) if row == len(table) - 1 else self._same_since
+
+    # Jumps
+
+    def _noise(self) -> NoiseLevels | None:
+        """Of the stream so far; None while there is too little."""
+        if self._position_errors.count < _FEWEST_STEPS:
+            return None
+        levels = [errors.quantile(_USUAL) for errors in (self._position_errors, self._attitude_errors)]
+        return NoiseLevels(self._intervals.quantile(0.5), levels[0], levels[1])
+
+    def _look(self) -> None:
+        """Doubt the newest pose where the steps before allow no such step."""
+        noise, slam = self._noise(), self._parameters.slam
+        if noise is None:
+            return
+        rows = self._table_now()[-_CONTEXT_ROWS:]
+        steps = steps_of(_raw_track(rows))
+        prediction = predict_steps(steps, rows[1:, _REBUILT] == 0.0, slam.jump_neighbours, self._parameters)
+        dt, distance, turn = float(steps.dt[-1]), prediction.position_error[-1], prediction.attitude_error[-1]
+        spread = slam.jump_spread * max(dt / noise.interval, 1.0)
+        # The step begins with the velocity before; how it ends is not known yet.
+        farthest = max(slam.jump_least, 0.5 * slam.jump_acceleration * dt**2, spread * noise.position)
+        fastest = max(slam.jump_turn, slam.jump_rate * dt, spread * noise.attitude)
+        if distance > farthest or turn > fastest:
+            self._doubt(Suspicion(self._t, "jump", float(distance), float(turn)))
+            self._check_count = self._count + slam.jump_neighbours + 1
+
+    def _doubt(self, suspicion: Suspicion) -> None:
+        self.suspect = suspicion
+        self.suspicions += 1
+
+    def _check(self, settle: bool = False) -> None:
+        """Search the steps that are not decided, where there may be something or it is time."""
+        self._check_at, self._check_count = self._t + _CHECK_INTERVAL, 0
+        slam = self._parameters.slam
+        smooth = self._worst < (_SMOOTH * slam.jump_least) ** 2 and self._least_dot > self._dot_gate
+        if not settle and self.suspect is None and smooth and self._t < self._search_at:
+            return
+        table = self._table_now()
+        if len(table) < 2 or (not settle and self._position_errors.count == 0 and len(table) <= _FEWEST_STEPS):
+            return
+        self._search_at = self._t + _SEARCH_INTERVAL
+        self._worst, self._least_dot = 0.0, 1.0
+        begin = max(self._decided - 1 - _CONTEXT_ROWS, 0)
+        search = self._search(table, begin)
+        if begin and (search.jumped | search.turned).any():
+            since = float(table[self._decided - 1, _T]) - 1.5 * slam.glitch_duration
+            begin = min(begin, int(np.searchsorted(table[:, _T], since)))
+            search = self._search(table, begin)
+        first = self._decided - 1 - begin  # of the open steps
+        ready, due = self._ready(table[begin + 1 :, _T], search, first)
+        if settle:
+            ready[:] = True
+        end = first + (len(ready) if ready.all() else int(np.argmin(ready)))
+        jumped = search.jumped.copy()
+        jumped[end:] = False
+        self._learn(search, slice(first, end))
+        self._decided = begin + 1 + end
+        if jumped[first:end].any():
+            self._apply(begin, search, first, end)
+        self._level()
+        self._conclude(begin, search, end, due)
+
+    def _search(self, table: Array, begin: int) -> JumpSearch:
+        rows = table[begin:]
+        decided = rows[1 : self._decided - begin, _REBUILT] > 0.0
+        noise, track = self._noise(), _raw_track(rows)
+        if noise is None or self._position_errors.count < _MANY_STEPS:
+            own = search_jumps(track, self._parameters, NoiseLevels(float(np.median(np.diff(track.t))), 0.0, 0.0))
+            errors = (own.position_error, own.attitude_error)
+            # Among few steps one jump, and the steps beside it, are more than one in twenty.
+            levels = [min(float(np.quantile(e, _USUAL)), 4.0 * float(np.median(e))) for e in errors]
+            young = NoiseLevels(own.noise.interval, levels[0], levels[1])
+            noise = young if noise is None else NoiseLevels(*map(min, noise, young))
+        return search_jumps(track, self._parameters, noise, decided)
+
+    def _ready(self, t: Array, search: JumpSearch, first: int) -> tuple[Mask, Array]:
+        """Which steps from `first` on can be decided; and when (n,) s each can, inf where more poses are needed.
+
+        t (n,) are the stamps of the poses after the steps.
+        """
+        slam = self._parameters.slam
+        turned = search.jumped & (search.attitude_error > _NEARLY * slam.jump_turn)
+        due = np.where(turned, t + 0.5 * slam.glitch_duration, -np.inf)
+        group = -np.inf  # glitches that follow one another are one
+        for step in np.flatnonzero(search.turned)[::-1]:
+            own = t[step] + slam.glitch_duration
+            group = group if own + slam.glitch_duration >= group > -np.inf else own
+            due[step] = group
+        good = ~search.jumped
+        after: Indices = np.cumsum(good[::-1], dtype=np.int32)[::-1] - good
+        few = (after <= slam.jump_neighbours) & (t + slam.longest_pose_gap > self._t)
+        due[few] = np.inf
+        return due[first:] <= self._t, due
+
+    def _learn(self, search: JumpSearch, which: slice) -> None:
+        """Noise levels, from steps that are decided."""
+        good = ~search.jumped[which]
+        steps = search.steps
+        dt = steps.dt[which][good]
+        twist = steps.twist[which][good]
+        self._intervals.add(dt)
+        self._position_errors.add(search.position_error[which][good])
+        self._attitude_errors.add(search.attitude_error[which][good])
+        moved = twist.any(axis=1)
+        self._lengths.add((np.linalg.norm(twist[:, 3:6], axis=1) * dt)[moved])
+        self._turns.add((np.linalg.norm(twist[:, 6:], axis=1) * dt)[moved])
+        noise, slam = self._noise(), self._parameters.slam
+        if noise is not None:
+            self._gate = max(slam.jump_least, slam.jump_spread * noise.position) ** 2
+
+    def _apply(self, begin: int, search: JumpSearch, first: int, end: int) -> None:
+        """Remove jumps among steps first ... end of what was searched from row `begin` on."""
+        table = self._table_now()
+        least_tilt = search.least_tilt(self._parameters)
+        axes, displacement = rebuild_jumps(
+            _raw_track(table[begin:]), search.steps, search.jumped, least_tilt, self._parameters
+        )
+        for segment, step in enumerate(np.flatnonzero(search.jumped).tolist()):
+            if not first <= step < end:
+                continue
+            row = begin + 1 + step
+            turned = multiply_quaternions(inverse_quaternions(axes[segment]), axes[segment + 1])
+            change = inverse_quaternions(turned)
+            beyond = search.steps.displacement[step] - displacement[step]
+            self._begin_segment(row, turned, displacement[step], least_tilt)
+            jump = Jump(
+                float(table[row, _T]),
+                self._forgotten + row,
+                float(np.linalg.norm(beyond)),
+                float(yaw_of_quaternions(change)),
+                float(tilt_of_quaternions(change)),
+            )
+            self.jumps.append(jump)
+            self._events.append(jump)
+
+    def _begin_segment(self, row: int, turned: Array, displacement: Array, least_tilt: float) -> None:
+        """From a row on SLAM's axes are `turned` (4,), and the step to it is `displacement` (3,) in those before."""
+        t, old = float(self._table[row, _T]), self._axes[-1]
+        self._verticals[self._own_vertical].seconds += float(self._table[row - 1, _T]) - self._segment_since
+        self._segment_since = t
+        self._continued = normalized_quaternions(multiply_quaternions(self._continued, turned))
+        up = rotate_by_quaternions(self._continued, _UP)
+        likeness = [float(up @ vertical.up) for vertical in self._verticals]
+        self._own_vertical = int(np.argmax(likeness))
+        if likeness[self._own_vertical] < math.cos(least_tilt):
+            self._own_vertical = len(self._verticals)
+            self._verticals.append(_Vertical(up))
+        step = rotate_by_quaternions(old.quat_xyzw, displacement)
+        step[2] *= old.level
+        self._set_axes(row, self._table[row - 1, _POSITION] + step)
+        self._table[row, _REBUILT] = 1.0
+
+    def _set_axes(self, row: int, place: Array) -> None:
+        """From a row on, which stands at `place` (3,), axes are as the verticals have it."""
+        levelled = multiply_quaternions(self._untilt, self._continued)
+        level = self._own_vertical == self._level_vertical
+        quat = yaw_quaternion(float(yaw_of_quaternions(levelled))) if level else levelled
+        turned = rotate_by_quaternions(quat, self._table[row, _RAW_POSITION])
+        turned[2] *= level
+        self._axes.append(Axes(quat, place - turned, level))
+        self._repair(row, len(self._axes) - 1)
+
+    def _level(self) -> None:
+        """Level by the vertical that held longest."""
+        if self._own_vertical == self._level_vertical:
+            return
+        row = self._decided - 1
+        t = float(self._table[row, _T])
+        own = self._verticals[self._own_vertical].seconds + t - self._segment_since
+        if own <= self._verticals[self._level_vertical].seconds:
+            return
+        tilt = float(tilt_of_quaternions(multiply_quaternions(self._untilt, self._continued)))
+        yaw = yaw_quaternion(float(yaw_of_quaternions(self._continued)))
+        self._untilt = multiply_quaternions(yaw, inverse_quaternions(self._continued))
+        self._level_vertical = self._own_vertical
+        place = self._table[row, _POSITION].copy()
+        self._set_axes(row, place)
+        self._events.append(Levelled(t, tilt, float(self._table[row, _RAW_POSITION][2] - place[2])))
+
+    def _conclude(self, begin: int, search: JumpSearch, end: int, due: Array) -> None:
+        """End a suspicion that is decided, begin one where the search saw what is not; say when to look again."""
+        table, slam = self._table_now(), self._parameters.slam
+        if self.suspect is not None and self.suspect.kind == "frozen":
+            return
+        if self.suspect is not None and self.suspect.t <= table[self._decided - 1, _T]:
+            if not any(jump.t >= self.suspect.t for jump in self.jumps[-_SOME:]):
+                self._events.append(Dismissed(self.suspect.t))
+            self.suspect = None
+        if self.suspect is None:
+            trouble = search.jumped | search.turned
+            trouble[:end] = False
+            trouble[max(len(trouble) - slam.jump_neighbours, 0) :] = False  # too few poses after
+            if not trouble.any():
+                return
+            step = int(np.argmax(trouble))
+            errors = float(search.position_error[step]), float(search.attitude_error[step])
+            self._doubt(Suspicion(float(table[begin + 1 + step, _T]), "jump", *errors))
+        if np.isinf(due[end]):
+            self._check_count = self._count + 1
+        else:
+            self._check_at = float(due[end])
+
+    # Frozen poses
+
+    def _freeze(self) -> None:
+        """Doubt a pose that is repeated where the device moved right before."""
+        table, slam = self._table_now(), self._parameters.slam
+        row = int(np.searchsorted(table[:, _T], self._same_since))
+        before = max(row - slam.jump_neighbours, 0)
+        moved = float(np.linalg.norm(table[row, _RAW_POSITION] - table[before, _RAW_POSITION]))
+        moving = moved > slam.jump_speed * (table[row, _T] - table[before, _T])
+        if self.suspect is None and (self._froze or moving):
+            self._doubt(Suspicion(self._same_since, "frozen", 0.0, 0.0))
+
+    def _thaw(self, *pose: float) -> bool:
+        """Whether the pose that was repeated, until this other one came, was frozen; its repetitions are removed."""
+        table, limits = self._table_now(), self._parameters.diagnosis
+        row = int(np.searchsorted(table[:, _T], self._same_since))
+        step = math.dist(table[row, _RAW_POSITION], pose[:3])
+        turn = 2.0 * math.acos(min(abs(float(table[row, _RAW_ATTITUDE] @ pose[3:])), 1.0))
+        frozen = self._froze
+        if min(self._lengths.count, self._turns.count) >= _FEWEST_STEPS:
+            frozen |= step > max(limits.frozen_jump, limits.frozen_steps * self._lengths.quantile(_MOST))
+            frozen |= turn > max(limits.frozen_turn, limits.frozen_steps * self._turns.quantile(_MOST))
+        if self.suspect is not None and self.suspect.kind == "frozen":
+            if not frozen:
+                self._events.append(Dismissed(self.suspect.t))
+            self.suspect = None
+        if not frozen or row + 1 >= len(table):
+            return False
+        self._froze = True
+        removed = table[row + 1 :, _T]
+        self._events.append(SetAside(float(removed[0]), float(removed[-1]), len(removed), "frozen"))
+        self.set_aside += len(removed)
+        if self.suspect is not None and self.suspect.t > self._same_since:
+            self.suspect = None
+        self._rows = self._count = row + 1
+        self._decided = min(self._decided, row + 1)
+        self._t, self._check_count = self._same_since, 0
+        return True
+
+    # To and from plain arrays
+
+    def state(self) -> dict[str, Array]:
+        """All of it, as `from_state` takes it: it goes on to the last bit as this one would."""
+        empty = np.zeros((0, 8))
+        told = [(_EVENTS.index(type(event)), *_numbers(event)) for event in self._events]
+        return {
+            "table": self._table_now().copy(),
+            "numbers": np.array([float(getattr(self, name)) for name in _NUMBERS]),
+            "guard": np.array([self._guard.last, float(self._guard.count)]),
+            "held": np.array([(t, *pose) for t, pose in self._guard.held]).reshape(-1, 8),
+            "suspect": empty if self.suspect is None else np.array([_numbers(self.suspect)]),
+            "events": np.array(told).reshape(-1, 6) if told else np.zeros((0, 6)),
+            "jumps": np.array([_numbers(jump) for jump in self.jumps]).reshape(-1, 5),
+            "quantiles": np.array([getattr(self, name).counts for name in _QUANTILES], dtype=np.float64),
+            "axes": np.array([[*axes.quat_xyzw, *axes.offset, float(axes.level)] for axes in self._axes]),
+            "continued": np.array([self._continued, self._untilt]),
+            "verticals": np.array([[*vertical.up, vertical.seconds] for vertical in self._verticals]),
+        }
+
+    @classmethod
+    def from_state(cls, parameters: Parameters, state: Mapping[str, Array]) -> PoseStream:
+        """The stream that `state` was taken of. ValueError or KeyError where it is of another shape."""
+        stream = cls(parameters)
+        table = np.asarray(state["table"], dtype=float)
+        if table.ndim != 2 or table.shape[1] != _COLUMNS:
+            raise ValueError(f"table: {_COLUMNS} columns are needed")
+        stream._rows = len(table)
+        stream._table = np.concatenate([table, np.empty((_FIRST_ROWS, _COLUMNS))])
+        for name, value in zip(_NUMBERS, state["numbers"].tolist(), strict=True):
+            setattr(stream, name, type(getattr(stream, name))(value))
+        stream._guard.last, stream._guard.count = float(state["guard"][0]), int(state["guard"][1])
+        for t, x, y, z, qx, qy, qz, qw in state["held"].tolist():
+            stream._guard.held.append((t, (x, y, z, qx, qy, qz, qw)))
+        for t, kind, distance, turn in state["suspect"].tolist():
+            stream.suspect = Suspicion(t, _SUSPICIONS[int(kind)], distance, turn)
+        stream._events = [_event(int(row[0]), row[1:]) for row in state["events"].tolist()]
+        stream.jumps = [Jump(row[0], int(row[1]), *row[2:]) for row in state["jumps"].tolist()]
+        for name, counts in zip(_QUANTILES, state["quantiles"], strict=True):
+            quantiles = getattr(stream, name)
+            quantiles.counts[:] = counts
+            quantiles.count = int(counts.sum())
+        stream._axes = [Axes(row[:4].copy(), row[4:7].copy(), bool(row[7])) for row in state["axes"]]
+        stream._continued, stream._untilt = state["continued"][0].copy(), state["continued"][1].copy()
+        stream._verticals = [_Vertical(row[:3].copy(), float(row[3])) for row in state["verticals"]]
+        return stream
+
+
+_EVENTS = (Jump, Dismissed, Levelled, SetAside)
+_REASONS: tuple[Literal["stray", "frozen"], ...] = ("stray", "frozen")
+_SUSPICIONS: tuple[Literal["jump", "frozen"], ...] = ("jump", "frozen")
+_QUANTILES = ("_intervals", "_position_errors", "_attitude_errors", "_lengths", "_turns")
+_NUMBERS = (
+    *("faults", "repeated", "set_aside", "suspicions", "_forgotten", "_count", "_decided", "_t", "_same_since"),
+    *("_x", "_y", "_z", "_qx", "_qy", "_qz", "_qw", "_vx", "_vy", "_vz", "_worst", "_least_dot", "_gate"),
+    *("_check_at", "_search_at", "_check_count", "_stands", "_froze"),
+    *("_level_vertical", "_own_vertical", "_segment_since"),
+)
+
+
+def _numbers(told: Event | Suspicion) -> list[float]:
+    """An event's or a suspicion's fields, words by their place in the list of all; events' are filled up to five."""
+    if isinstance(told, Suspicion):
+        return [told.t, float(_SUSPICIONS.index(told.kind)), told.distance, told.turn]
+    if isinstance(told, SetAside):
+        numbers = [told.first, told.last, float(told.poses), float(_REASONS.index(told.reason))]
+    else:
+        numbers = [float(value) for value in (astuple(told) if isinstance(told, Jump) else told)]
+    return numbers + [0.0] * (5 - len(numbers))
+
+
+def _event(kind: int, numbers: list[float]) -> Event:
+    if kind == _EVENTS.index(Jump):
+        return Jump(numbers[0], int(numbers[1]), *numbers[2:])
+    if kind == _EVENTS.index(Dismissed):
+        return Dismissed(numbers[0])
+    if kind == _EVENTS.index(Levelled):
+        return Levelled(*numbers[:3])
+    return SetAside(numbers[0], numbers[1], int(numbers[2]), _REASONS[int(numbers[3])])
+
+
+def _tail(table: Array) -> Tail:
+    return Tail(
+        table[:, _T].copy(),
+        table[:, _POSITION].copy(),
+        table[:, _ATTITUDE].copy(),
+        table[:, _SEGMENT].astype(np.int32),
+        table[:, _REBUILT] > 0.0,
+        table[:, _TRAVELLED].copy(),
+    )
+
+
+def _raw_track(table: Array) -> Track:
+    return Track(table[:, _T], table[:, _RAW_POSITION], table[:, _RAW_ATTITUDE])
+
+
+def _repair_rows(rows: Array, axes: Axes) -> None:
+    """Repaired columns of rows of one segment, each to the last bit the same whatever other rows there are."""
+    place, attitude = axes.repaired(rows[:, _RAW_POSITION], rows[:, _RAW_ATTITUDE])
+    rows[:, _POSITION] = place
+    rows[:, _ATTITUDE] = attitude if axes.quat_xyzw[3] == 1.0 else normalized_quaternions(attitude)
