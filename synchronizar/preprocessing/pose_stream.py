@@ -55,6 +55,7 @@ _MANY_STEPS = 100  # from so many on a few jumps do not raise it
 _NEARLY = 0.9  # of a turn from which on axes may have stayed: then what follows decides
 _MOST = 0.9  # quantile of steps that is usual
 _SOME = 8  # latest jumps that a suspicion may have been about
+_FEW_MEDIANS = 4.0  # of errors: more than the 95 % quantile where nothing is wrong
 _CONTEXT_ROWS = 8  # before what is searched: neighbours of the first step
 _Pose = tuple[float, float, float, float, float, float, float]
 
@@ -423,12 +424,15 @@ class PoseStream:
 
     def _look(self) -> None:
         """Doubt the newest pose where the steps before allow no such step."""
-        noise, slam = self._noise(), self._parameters.slam
-        if noise is None:
-            return
+        slam = self._parameters.slam
         rows = self._table_now()[-_CONTEXT_ROWS:]
+        if len(rows) <= slam.jump_neighbours + 1:
+            return
         steps = steps_of(_raw_track(rows))
         prediction = predict_steps(steps, rows[1:, _REBUILT] == 0.0, slam.jump_neighbours, self._parameters)
+        noise = self._noise() or _noise_of_few(
+            steps.dt[:-1], prediction.position_error[:-1], prediction.attitude_error[:-1]
+        )
         dt, distance, turn = float(steps.dt[-1]), prediction.position_error[-1], prediction.attitude_error[-1]
         spread = slam.jump_spread * max(dt / noise.interval, 1.0)
         # The step begins with the velocity before; how it ends is not known yet.
@@ -450,10 +454,12 @@ class PoseStream:
         if not settle and self.suspect is None and smooth and self._t < self._search_at:
             return
         table = self._table_now()
-        if len(table) < 2 or (not settle and self._position_errors.count == 0 and len(table) <= _FEWEST_STEPS):
+        if len(table) < 2:
+            return
+        if not settle and self._position_errors.count == 0 and len(table) <= _FEWEST_STEPS:
+            self._check_count = _FEWEST_STEPS + 1  # too few to tell noise from jumps
             return
         self._search_at = self._t + _SEARCH_INTERVAL
-        self._worst, self._least_dot = 0.0, 1.0
         begin = max(self._decided - 1 - _CONTEXT_ROWS, 0)
         search = self._search(table, begin)
         if begin and (search.jumped | search.turned).any():
@@ -471,6 +477,10 @@ class PoseStream:
         self._decided = begin + 1 + end
         if jumped[first:end].any():
             self._apply(begin, search, first, end)
+        change = np.diff(search.steps.twist[max(end - 1, 0) :, 3:6], axis=0) * search.steps.dt[max(end, 1) :, None]
+        self._worst, self._least_dot = float(np.max(np.sum(change**2, axis=1), initial=0.0)), 1.0
+        if search.turned[end:].any():
+            self._least_dot = 0.0
         self._level()
         self._conclude(begin, search, end, due)
 
@@ -480,10 +490,7 @@ class PoseStream:
         noise, track = self._noise(), _raw_track(rows)
         if noise is None or self._position_errors.count < _MANY_STEPS:
             own = search_jumps(track, self._parameters, NoiseLevels(float(np.median(np.diff(track.t))), 0.0, 0.0))
-            errors = (own.position_error, own.attitude_error)
-            # Among few steps one jump, and the steps beside it, are more than one in twenty.
-            levels = [min(float(np.quantile(e, _USUAL)), 4.0 * float(np.median(e))) for e in errors]
-            young = NoiseLevels(own.noise.interval, levels[0], levels[1])
+            young = _noise_of_few(own.steps.dt, own.position_error, own.attitude_error)
             noise = young if noise is None else NoiseLevels(*map(min, noise, young))
         return search_jumps(track, self._parameters, noise, decided)
 
@@ -743,6 +750,13 @@ def _tail(table: Array) -> Tail:
         table[:, _REBUILT] > 0.0,
         table[:, _TRAVELLED].copy(),
     )
+
+
+def _noise_of_few(dt: Array, position_error: Array, attitude_error: Array) -> NoiseLevels:
+    """Noise levels of few steps: one jump, and the steps beside it, are more than one in twenty of them."""
+    errors = (position_error, attitude_error)
+    levels = [min(float(np.quantile(e, _USUAL)), _FEW_MEDIANS * float(np.median(e))) for e in errors]
+    return NoiseLevels(float(np.median(dt)), levels[0], levels[1])
 
 
 def _raw_track(table: Array) -> Track:
