@@ -188,7 +188,7 @@ class PoseStream:
         self._gate = self._parameters.slam.jump_least**2
         self._dot_gate = math.cos(0.5 * _TURNS * self._parameters.slam.jump_turn)
         self._check_at, self._search_at, self._check_count = -math.inf, -math.inf, 0
-        self._stands, self._froze = False, False
+        self._stands = self._froze = self._stops = False
         self._intervals, self._position_errors, self._attitude_errors, self._lengths, self._turns = (
             RunningQuantile() for _ in range(5)
         )
@@ -199,6 +199,11 @@ class PoseStream:
         self._verticals = [_Vertical(_UP.copy())]
         self._level_vertical = self._own_vertical = 0
         self._segment_since = -math.inf
+
+    @property
+    def newest(self) -> float:
+        """s: stamp of the last pose; -inf before the first."""
+        return self._t
 
     def __len__(self) -> int:
         return self._count
@@ -624,13 +629,14 @@ class PoseStream:
     # Frozen poses
 
     def _freeze(self) -> None:
-        """Doubt a pose that is repeated where the device moved right before."""
+        """Doubt a pose that is repeated where the device moved right before, and never was seen to stop like that."""
         table, slam = self._table_now(), self._parameters.slam
         row = int(np.searchsorted(table[:, _T], self._same_since))
-        before = max(row - slam.jump_neighbours, 0)
-        moved = float(np.linalg.norm(table[row, _RAW_POSITION] - table[before, _RAW_POSITION]))
-        moving = moved > slam.jump_speed * (table[row, _T] - table[before, _T])
-        if self.suspect is None and (self._froze or moving):
+        if not row or self.suspect is not None:
+            return
+        moved = float(np.linalg.norm(table[row, _RAW_POSITION] - table[row - 1, _RAW_POSITION]))
+        at_once = moved > slam.jump_speed * (table[row, _T] - table[row - 1, _T])
+        if self._froze or (at_once and not self._stops):
             self._doubt(Suspicion(self._same_since, "frozen", 0.0, 0.0))
 
     def _thaw(self, *pose: float) -> bool:
@@ -645,6 +651,7 @@ class PoseStream:
             frozen |= turn > max(limits.frozen_turn, limits.frozen_steps * self._turns.quantile(_MOST))
         if self.suspect is not None and self.suspect.kind == "frozen":
             if not frozen:
+                self._stops = True
                 self._events.append(Dismissed(self.suspect.t))
             self.suspect = None
         if not frozen or row + 1 >= len(table):
@@ -715,7 +722,7 @@ _QUANTILES = ("_intervals", "_position_errors", "_attitude_errors", "_lengths", 
 _NUMBERS = (
     *("faults", "repeated", "set_aside", "suspicions", "_forgotten", "_count", "_decided", "_t", "_same_since"),
     *("_x", "_y", "_z", "_qx", "_qy", "_qz", "_qw", "_vx", "_vy", "_vz", "_worst", "_least_dot", "_gate"),
-    *("_check_at", "_search_at", "_check_count", "_stands", "_froze"),
+    *("_check_at", "_search_at", "_check_count", "_stands", "_froze", "_stops"),
     *("_level_vertical", "_own_vertical", "_segment_since"),
 )
 
@@ -765,6 +772,9 @@ def _raw_track(table: Array) -> Track:
 
 def _repair_rows(rows: Array, axes: Axes) -> None:
     """Repaired columns of rows of one segment, each to the last bit the same whatever other rows there are."""
+    if axes.level and not axes.quat_xyzw[:3].any() and not axes.offset.any():
+        rows[:, _POSITION.start : _ATTITUDE.stop] = rows[:, _RAW_POSITION.start : _RAW_ATTITUDE.stop]
+        return
     place, attitude = axes.repaired(rows[:, _RAW_POSITION], rows[:, _RAW_ATTITUDE])
     rows[:, _POSITION] = place
-    rows[:, _ATTITUDE] = attitude if axes.quat_xyzw[3] == 1.0 else normalized_quaternions(attitude)
+    rows[:, _ATTITUDE] = normalized_quaternions(attitude)
