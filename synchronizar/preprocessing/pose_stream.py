@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import (
     JumpSearch,
     NoiseLevels,
+    RepairedTrack,
     predict_steps,
     rebuild_jumps,
     search_jumps,
@@ -41,6 +42,9 @@ from synchronizar.quaternions import (
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FIRST_ROWS = 256
+_FARTHEST, _LATEST = 1e9, 1e20  # m, s: beyond, numbers are no place and no time
+_SHORTEST, _LONGEST = 1e-12, 1e12  # square of a length that quaternions may have
+_SAME_STAMP = 1e-9  # s
 _ROUNDING = 1e-14  # of the square of a unit quaternion's length
 _T, _RAW_POSITION, _RAW_ATTITUDE, _POSITION, _ATTITUDE = 0, slice(1, 4), slice(4, 8), slice(8, 11), slice(11, 15)
 _TRAVELLED, _SEGMENT, _REBUILT = 15, 16, 17
@@ -213,37 +217,22 @@ class PoseStream:
         x, y, z = position
         qx, qy, qz, qw = quat_xyzw
         guard = self._guard
-        if not (0.0 < t - guard.last <= self._gap and not guard.held):
-            self._add_unusual(t, x, y, z, qx, qy, qz, qw)
-            return
         square = qx * qx + qy * qy + qz * qz + qw * qw
         if not abs(square - 1.0) < _ROUNDING:
-            if not (math.isfinite(square) and square > 0.0):
+            if not _SHORTEST < square < _LONGEST:
                 self.faults += 1
                 return
             length = math.sqrt(square)
             qx, qy, qz, qw = qx / length, qy / length, qz / length, qw / length
-        if not math.isfinite(x + y + z):
+        if not (abs(x) + abs(y) + abs(z) < _FARTHEST and abs(t) < _LATEST):
             self.faults += 1
             return
-        guard.last = t
-        guard.count += 1
-        self._take(t, x, y, z, qx, qy, qz, qw)
-
-    def _add_unusual(self, t: float, *pose: float) -> None:
-        """The first pose, or one whose stamp is not a little later than the last one."""
-        if not all(map(math.isfinite, (t, *pose))) or not any(pose[3:]):
-            self.faults += 1
-            return
-        length = math.hypot(*pose[3:])
-        if not 0.0 < length < math.inf:
-            self.faults += 1
-            return
-        square = sum(q * q for q in pose[3:])
-        if abs(square - 1.0) > _ROUNDING:
-            pose = (*pose[:3], *(q / length for q in pose[3:]))
-        x, y, z, qx, qy, qz, qw = pose
-        self._take_admitted(self._guard.admit(t, (x, y, z, qx, qy, qz, qw)))
+        if _SAME_STAMP < t - guard.last <= self._gap and not guard.held:
+            guard.last = t
+            guard.count += 1
+            self._take(t, x, y, z, qx, qy, qz, qw)
+        else:
+            self._take_admitted(guard.admit(t, (x, y, z, qx, qy, qz, qw)))
 
     def _take_admitted(self, admitted: Admitted[_Pose]) -> None:
         aside = list(admitted.aside)
@@ -255,7 +244,7 @@ class PoseStream:
             self.set_aside += len(aside)
             self._events.append(SetAside(min(aside), max(aside), len(aside), "stray"))
         for t, pose in admitted.items:
-            if t > self._t:
+            if t - self._t > _SAME_STAMP:
                 self._take(t, *pose)
             else:
                 self._insert(t, pose)
@@ -311,6 +300,25 @@ class PoseStream:
         """All poses stamped `since` (s) or later."""
         table = self._table_now()
         return _tail(table[np.searchsorted(table[:, _T], since) :])
+
+    def repaired(self, since: float) -> RepairedTrack:
+        """The same as the batch tells of a whole track, with its axes in those of the stream's beginning; copies.
+
+        A segment may also begin where SLAM's vertical changed (`Levelled`). ValueError where there is no such pose.
+        """
+        table = self._table_now()
+        first = int(np.searchsorted(table[:, _T], since))
+        table = table[first:].copy()
+        segment = table[:, _SEGMENT].astype(np.int32)
+        axes = self._axes[int(segment[0]) if len(segment) else len(self._axes) :]
+        jumps = [j for j in self.jumps if j.t > table[:1, _T].max(initial=-np.inf)]
+        return RepairedTrack(
+            Track(table[:, _T], table[:, _POSITION], table[:, _ATTITUDE]),
+            tuple(replace(jump, pose=int(np.searchsorted(table[:, _T], jump.t))) for jump in jumps),
+            segment - segment[:1],
+            np.array([each.quat_xyzw for each in axes]),
+            np.array([each.level for each in axes]),
+        )
 
     def at(self, t: Array) -> Poses:
         """The repaired poses at times (n,) s, as `Track.at` has them with the longest gap between poses."""
@@ -386,7 +394,7 @@ class PoseStream:
         """A pose that comes late."""
         table = self._table_now()
         row = int(np.searchsorted(table[:, _T], t))
-        if row < len(table) and table[row, _T] == t:
+        if np.abs(t - table[max(row - 1, 0) : row + 1, _T]).min() <= _SAME_STAMP:
             self.repeated += 1
             return
         if row == 0 and self._forgotten:
