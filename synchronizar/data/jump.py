@@ -12,7 +12,7 @@ class Jump:
     t: float
     """s, own clock: stamp of the first pose after it."""
     pose: int
-    """Index of that pose."""
+    """Index of that pose, among those of its track that are used."""
     distance: float
     """m: how far the position jumped, beyond the motion that neighbouring steps predict."""
     turn: float

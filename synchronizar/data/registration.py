@@ -66,7 +66,8 @@ class UserRegistration:
     jumps: tuple[Jump, ...] = ()
     """Where its SLAM jumped or slipped and it did not, in the order of time."""
     common_track: Track | None = None
-    """Its poses in the common frame at its own stamps, SLAM's drift and jumps taken out; None where SLAM is trusted."""
+    """Its poses in the common frame at its own stamps, SLAM's drift and jumps taken out; None where SLAM is trusted
+    and none of its poses was set aside."""
     progress: float | None = None
     """0 to 1: how near it is to being registered; None but while people walk."""
     cue: str | None = None

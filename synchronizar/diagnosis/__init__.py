@@ -14,13 +14,13 @@ from synchronizar.diagnosis.poses import (
     never_moves_findings,
     pose_gap_findings,
     sparse_pose_findings,
-    without_frozen_poses,
 )
 from synchronizar.diagnosis.radios import swapped_radio_findings
 from synchronizar.diagnosis.ranges import no_range_findings, repeated_range_findings
-from synchronizar.diagnosis.stamps import in_seconds, stray_stamp_findings, time_unit_findings, without_stray_poses
+from synchronizar.diagnosis.stamps import in_seconds, stray_stamp_findings, time_unit_findings
 from synchronizar.diagnosis.units import unit_findings
 from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.suspect_poses import without_frozen_poses, without_stray_poses
 
 __all__ = ["findings_of"]
 

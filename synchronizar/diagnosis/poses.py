@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
-from synchronizar.diagnosis.stamps import chosen, duration
+from synchronizar.diagnosis.stamps import duration
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.suspect_poses import frozen_poses, frozen_runs
+from synchronizar.preprocessing.suspect_poses import frozen_runs
 
 
 def pose_gap_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
@@ -60,7 +58,7 @@ def frozen_pose_findings(recording: Recording, parameters: Parameters) -> list[F
                 Code.FROZEN_POSES,
                 name,
                 f"SLAM lost tracking {times}: it repeated one pose and then was somewhere else ({count} poses, "
-                f"{duration(seconds)} in all, first at {track.t[runs[0].first]:.3f} s)",
+                f"{duration(seconds)} in all, first at {track.t[runs[0].first]:.3f} s), which are not used",
                 "write no poses while SLAM has lost tracking",
             )
         )
@@ -137,15 +135,6 @@ def attitude_findings(recording: Recording, parameters: Parameters) -> list[Find
             )
         )
     return found
-
-
-def without_frozen_poses(recording: Recording, parameters: Parameters) -> Recording:
-    """The same recording without the poses that repeat an earlier one while the device moved on."""
-    tracks = {}
-    for name, track in recording.tracks.items():
-        frozen = frozen_poses(track, parameters)
-        tracks[name] = chosen(track, ~frozen) if frozen.any() else track
-    return replace(recording, tracks=tracks)
 
 
 def attitude_span(track: Track) -> float:

@@ -12,8 +12,6 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration, State
 from synchronizar.diagnosis.adjustment import Adjustment, adjusted
 from synchronizar.diagnosis.clock_shift import clock_shift_findings
-from synchronizar.diagnosis.poses import without_frozen_poses
-from synchronizar.diagnosis.stamps import without_stray_poses
 from synchronizar.parameters import Parameters
 
 CAUSES = frozenset(
@@ -36,8 +34,7 @@ def findings_of_solution(
     """What a solution shows besides what was `found` without it; nothing where that spoils the solution."""
     if spoils(found) or not _suspect(recording, registration, parameters):
         return []
-    mended = without_frozen_poses(without_stray_poses(recording, parameters), parameters)
-    if shifted := clock_shift_findings(mended, parameters):
+    if shifted := clock_shift_findings(recording, parameters):
         return shifted
     adjustment = adjusted(recording, registration, parameters)
     if adjustment is None:

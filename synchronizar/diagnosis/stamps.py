@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from synchronizar.arrays import Array, Mask
+from synchronizar.arrays import Array
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
@@ -33,8 +33,10 @@ def stray_stamp_findings(recording: Recording, parameters: Parameters) -> list[F
                 Code.STRAY_STAMP,
                 name,
                 f"{which} stamped {duration(float(away))} away from the other {len(others)} (at {t[0]:.3f} s; the "
-                f"others run from {others[0]:.3f} s to {others[-1]:.3f} s)",
-                "remove the line from its track" if len(t) == 1 else "remove these lines from its track",
+                f"others run from {others[0]:.3f} s to {others[-1]:.3f} s), and not used",
+                "nothing, or remove the line from its track"
+                if len(t) == 1
+                else "nothing, or remove these lines from its track",
             )
         )
     return found
@@ -93,20 +95,6 @@ def without_ranges_of_unknown_time(recording: Recording, found: Sequence[Finding
     of_user = np.array([user.name in wrong for user in recording.users])
     unknown = of_user[r.a] | of_user[r.b] | (None in wrong)
     return replace(recording, ranges=replace(r, distance=np.where(unknown, np.nan, r.distance)))
-
-
-def without_stray_poses(recording: Recording, parameters: Parameters) -> Recording:
-    """The same recording without the poses that are stamped far away from all others."""
-    tracks = {}
-    for name, track in recording.tracks.items():
-        stray = stray_poses(track, parameters)
-        tracks[name] = chosen(track, ~stray) if stray.any() else track
-    return replace(recording, tracks=tracks)
-
-
-def chosen(track: Track, which: Mask) -> Track:
-    """The poses of a track that a mask picks."""
-    return Track(track.t[which], track.position[which], track.quat_xyzw[which])
 
 
 def track_units(recording: Recording, parameters: Parameters) -> dict[str, str]:

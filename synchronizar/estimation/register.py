@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 from synchronizar.data.findings import Code
@@ -15,6 +16,7 @@ from synchronizar.errors import InputError
 from synchronizar.estimation.full import register_full
 from synchronizar.estimation.rigid import register_rigid
 from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.suspect_poses import without_suspect_poses
 from synchronizar.progress import Progress, unheard
 
 
@@ -43,8 +45,20 @@ def register(
     if any(finding.code is Code.TIME_UNIT and finding.user == recording.users[ref].name for finding in found):
         model = "rigid"  # drift grows with seconds, and nobody else can be tied to the reference
     solve = register_full if model == "full" else register_rigid
-    registration = solve(without_ranges_of_unknown_time(recording, found), ref, parameters, progress or unheard)
-    return with_reasons(registration, [*found, *findings_of_solution(recording, registration, found, parameters)])
+    used = without_suspect_poses(without_ranges_of_unknown_time(recording, found), parameters)
+    registration = solve(used, ref, parameters, progress or unheard)
+    found += findings_of_solution(without_suspect_poses(recording, parameters), registration, found, parameters)
+    return with_reasons(_with_used_poses(registration, recording, used), found)
+
+
+def _with_used_poses(registration: Registration, recording: Recording, used: Recording) -> Registration:
+    """The same, its tracks being those of the poses that were used, also where SLAM is trusted."""
+    fewer = {name: track for name, track in used.tracks.items() if len(track) < len(recording.tracks[name])}
+    users, own = dict(registration.users), registration.tracks(used)
+    for name in fewer:
+        if name in own:
+            users[name] = replace(users[name], common_track=own[name])
+    return replace(registration, users=users)
 
 
 def reference_of(recording: Recording, name: str | None, parameters: Parameters) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import (
     JumpSearch,
     NoiseLevels,
+    RepairedTrack,
     predict_steps,
     rebuild_jumps,
     search_jumps,
@@ -41,6 +42,9 @@ from synchronizar.quaternions import (
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FIRST_ROWS = 256
+_FARTHEST, _LATEST = 1e9, 1e20  # m, s: beyond, numbers are no place and no time
+_SHORTEST, _LONGEST = 1e-12, 1e12  # square of a length that quaternions may have
+_SAME_STAMP = 1e-9  # s
 _ROUNDING = 1e-14  # of the square of a unit quaternion's length
 _T, _RAW_POSITION, _RAW_ATTITUDE, _POSITION, _ATTITUDE = 0, slice(1, 4), slice(4, 8), slice(8, 11), slice(11, 15)
 _TRAVELLED, _SEGMENT, _REBUILT = 15, 16, 17
@@ -55,6 +59,7 @@ _MANY_STEPS = 100  # from so many on a few jumps do not raise it
 _NEARLY = 0.9  # of a turn from which on axes may have stayed: then what follows decides
 _MOST = 0.9  # quantile of steps that is usual
 _SOME = 8  # latest jumps that a suspicion may have been about
+_FEW_MEDIANS = 4.0  # of errors: more than the 95 % quantile where nothing is wrong
 _CONTEXT_ROWS = 8  # before what is searched: neighbours of the first step
 _Pose = tuple[float, float, float, float, float, float, float]
 
@@ -187,7 +192,7 @@ class PoseStream:
         self._gate = self._parameters.slam.jump_least**2
         self._dot_gate = math.cos(0.5 * _TURNS * self._parameters.slam.jump_turn)
         self._check_at, self._search_at, self._check_count = -math.inf, -math.inf, 0
-        self._stands, self._froze = False, False
+        self._stands = self._froze = self._stops = False
         self._intervals, self._position_errors, self._attitude_errors, self._lengths, self._turns = (
             RunningQuantile() for _ in range(5)
         )
@@ -199,6 +204,11 @@ class PoseStream:
         self._level_vertical = self._own_vertical = 0
         self._segment_since = -math.inf
 
+    @property
+    def newest(self) -> float:
+        """s: stamp of the last pose; -inf before the first."""
+        return self._t
+
     def __len__(self) -> int:
         return self._count
 
@@ -207,37 +217,22 @@ class PoseStream:
         x, y, z = position
         qx, qy, qz, qw = quat_xyzw
         guard = self._guard
-        if not (0.0 < t - guard.last <= self._gap and not guard.held):
-            self._add_unusual(t, x, y, z, qx, qy, qz, qw)
-            return
         square = qx * qx + qy * qy + qz * qz + qw * qw
         if not abs(square - 1.0) < _ROUNDING:
-            if not (math.isfinite(square) and square > 0.0):
+            if not _SHORTEST < square < _LONGEST:
                 self.faults += 1
                 return
             length = math.sqrt(square)
             qx, qy, qz, qw = qx / length, qy / length, qz / length, qw / length
-        if not math.isfinite(x + y + z):
+        if not (abs(x) + abs(y) + abs(z) < _FARTHEST and abs(t) < _LATEST):
             self.faults += 1
             return
-        guard.last = t
-        guard.count += 1
-        self._take(t, x, y, z, qx, qy, qz, qw)
-
-    def _add_unusual(self, t: float, *pose: float) -> None:
-        """The first pose, or one whose stamp is not a little later than the last one."""
-        if not all(map(math.isfinite, (t, *pose))) or not any(pose[3:]):
-            self.faults += 1
-            return
-        length = math.hypot(*pose[3:])
-        if not 0.0 < length < math.inf:
-            self.faults += 1
-            return
-        square = sum(q * q for q in pose[3:])
-        if abs(square - 1.0) > _ROUNDING:
-            pose = (*pose[:3], *(q / length for q in pose[3:]))
-        x, y, z, qx, qy, qz, qw = pose
-        self._take_admitted(self._guard.admit(t, (x, y, z, qx, qy, qz, qw)))
+        if _SAME_STAMP < t - guard.last <= self._gap and not guard.held:
+            guard.last = t
+            guard.count += 1
+            self._take(t, x, y, z, qx, qy, qz, qw)
+        else:
+            self._take_admitted(guard.admit(t, (x, y, z, qx, qy, qz, qw)))
 
     def _take_admitted(self, admitted: Admitted[_Pose]) -> None:
         aside = list(admitted.aside)
@@ -249,7 +244,7 @@ class PoseStream:
             self.set_aside += len(aside)
             self._events.append(SetAside(min(aside), max(aside), len(aside), "stray"))
         for t, pose in admitted.items:
-            if t > self._t:
+            if t - self._t > _SAME_STAMP:
                 self._take(t, *pose)
             else:
                 self._insert(t, pose)
@@ -305,6 +300,25 @@ class PoseStream:
         """All poses stamped `since` (s) or later."""
         table = self._table_now()
         return _tail(table[np.searchsorted(table[:, _T], since) :])
+
+    def repaired(self, since: float) -> RepairedTrack:
+        """The same as the batch tells of a whole track, with its axes in those of the stream's beginning; copies.
+
+        A segment may also begin where SLAM's vertical changed (`Levelled`). ValueError where there is no such pose.
+        """
+        table = self._table_now()
+        first = int(np.searchsorted(table[:, _T], since))
+        table = table[first:].copy()
+        segment = table[:, _SEGMENT].astype(np.int32)
+        axes = self._axes[int(segment[0]) if len(segment) else len(self._axes) :]
+        jumps = [j for j in self.jumps if j.t > table[:1, _T].max(initial=-np.inf)]
+        return RepairedTrack(
+            Track(table[:, _T], table[:, _POSITION], table[:, _ATTITUDE]),
+            tuple(replace(jump, pose=int(np.searchsorted(table[:, _T], jump.t))) for jump in jumps),
+            segment - segment[:1],
+            np.array([each.quat_xyzw for each in axes]),
+            np.array([each.level for each in axes]),
+        )
 
     def at(self, t: Array) -> Poses:
         """The repaired poses at times (n,) s, as `Track.at` has them with the longest gap between poses."""
@@ -380,7 +394,7 @@ class PoseStream:
         """A pose that comes late."""
         table = self._table_now()
         row = int(np.searchsorted(table[:, _T], t))
-        if row < len(table) and table[row, _T] == t:
+        if np.abs(t - table[max(row - 1, 0) : row + 1, _T]).min() <= _SAME_STAMP:
             self.repeated += 1
             return
         if row == 0 and self._forgotten:
@@ -423,12 +437,15 @@ class PoseStream:
 
     def _look(self) -> None:
         """Doubt the newest pose where the steps before allow no such step."""
-        noise, slam = self._noise(), self._parameters.slam
-        if noise is None:
-            return
+        slam = self._parameters.slam
         rows = self._table_now()[-_CONTEXT_ROWS:]
+        if len(rows) <= slam.jump_neighbours + 1:
+            return
         steps = steps_of(_raw_track(rows))
         prediction = predict_steps(steps, rows[1:, _REBUILT] == 0.0, slam.jump_neighbours, self._parameters)
+        noise = self._noise() or _noise_of_few(
+            steps.dt[:-1], prediction.position_error[:-1], prediction.attitude_error[:-1]
+        )
         dt, distance, turn = float(steps.dt[-1]), prediction.position_error[-1], prediction.attitude_error[-1]
         spread = slam.jump_spread * max(dt / noise.interval, 1.0)
         # The step begins with the velocity before; how it ends is not known yet.
@@ -450,10 +467,12 @@ class PoseStream:
         if not settle and self.suspect is None and smooth and self._t < self._search_at:
             return
         table = self._table_now()
-        if len(table) < 2 or (not settle and self._position_errors.count == 0 and len(table) <= _FEWEST_STEPS):
+        if len(table) < 2:
+            return
+        if not settle and self._position_errors.count == 0 and len(table) <= _FEWEST_STEPS:
+            self._check_count = _FEWEST_STEPS + 1  # too few to tell noise from jumps
             return
         self._search_at = self._t + _SEARCH_INTERVAL
-        self._worst, self._least_dot = 0.0, 1.0
         begin = max(self._decided - 1 - _CONTEXT_ROWS, 0)
         search = self._search(table, begin)
         if begin and (search.jumped | search.turned).any():
@@ -471,6 +490,10 @@ class PoseStream:
         self._decided = begin + 1 + end
         if jumped[first:end].any():
             self._apply(begin, search, first, end)
+        change = np.diff(search.steps.twist[max(end - 1, 0) :, 3:6], axis=0) * search.steps.dt[max(end, 1) :, None]
+        self._worst, self._least_dot = float(np.max(np.sum(change**2, axis=1), initial=0.0)), 1.0
+        if search.turned[end:].any():
+            self._least_dot = 0.0
         self._level()
         self._conclude(begin, search, end, due)
 
@@ -480,10 +503,7 @@ class PoseStream:
         noise, track = self._noise(), _raw_track(rows)
         if noise is None or self._position_errors.count < _MANY_STEPS:
             own = search_jumps(track, self._parameters, NoiseLevels(float(np.median(np.diff(track.t))), 0.0, 0.0))
-            errors = (own.position_error, own.attitude_error)
-            # Among few steps one jump, and the steps beside it, are more than one in twenty.
-            levels = [min(float(np.quantile(e, _USUAL)), 4.0 * float(np.median(e))) for e in errors]
-            young = NoiseLevels(own.noise.interval, levels[0], levels[1])
+            young = _noise_of_few(own.steps.dt, own.position_error, own.attitude_error)
             noise = young if noise is None else NoiseLevels(*map(min, noise, young))
         return search_jumps(track, self._parameters, noise, decided)
 
@@ -617,13 +637,14 @@ class PoseStream:
     # Frozen poses
 
     def _freeze(self) -> None:
-        """Doubt a pose that is repeated where the device moved right before."""
+        """Doubt a pose that is repeated where the device moved right before, and never was seen to stop like that."""
         table, slam = self._table_now(), self._parameters.slam
         row = int(np.searchsorted(table[:, _T], self._same_since))
-        before = max(row - slam.jump_neighbours, 0)
-        moved = float(np.linalg.norm(table[row, _RAW_POSITION] - table[before, _RAW_POSITION]))
-        moving = moved > slam.jump_speed * (table[row, _T] - table[before, _T])
-        if self.suspect is None and (self._froze or moving):
+        if not row or self.suspect is not None:
+            return
+        moved = float(np.linalg.norm(table[row, _RAW_POSITION] - table[row - 1, _RAW_POSITION]))
+        at_once = moved > slam.jump_speed * (table[row, _T] - table[row - 1, _T])
+        if self._froze or (at_once and not self._stops):
             self._doubt(Suspicion(self._same_since, "frozen", 0.0, 0.0))
 
     def _thaw(self, *pose: float) -> bool:
@@ -638,6 +659,7 @@ class PoseStream:
             frozen |= turn > max(limits.frozen_turn, limits.frozen_steps * self._turns.quantile(_MOST))
         if self.suspect is not None and self.suspect.kind == "frozen":
             if not frozen:
+                self._stops = True
                 self._events.append(Dismissed(self.suspect.t))
             self.suspect = None
         if not frozen or row + 1 >= len(table):
@@ -708,7 +730,7 @@ _QUANTILES = ("_intervals", "_position_errors", "_attitude_errors", "_lengths", 
 _NUMBERS = (
     *("faults", "repeated", "set_aside", "suspicions", "_forgotten", "_count", "_decided", "_t", "_same_since"),
     *("_x", "_y", "_z", "_qx", "_qy", "_qz", "_qw", "_vx", "_vy", "_vz", "_worst", "_least_dot", "_gate"),
-    *("_check_at", "_search_at", "_check_count", "_stands", "_froze"),
+    *("_check_at", "_search_at", "_check_count", "_stands", "_froze", "_stops"),
     *("_level_vertical", "_own_vertical", "_segment_since"),
 )
 
@@ -745,12 +767,22 @@ def _tail(table: Array) -> Tail:
     )
 
 
+def _noise_of_few(dt: Array, position_error: Array, attitude_error: Array) -> NoiseLevels:
+    """Noise levels of few steps: one jump, and the steps beside it, are more than one in twenty of them."""
+    errors = (position_error, attitude_error)
+    levels = [min(float(np.quantile(e, _USUAL)), _FEW_MEDIANS * float(np.median(e))) for e in errors]
+    return NoiseLevels(float(np.median(dt)), levels[0], levels[1])
+
+
 def _raw_track(table: Array) -> Track:
     return Track(table[:, _T], table[:, _RAW_POSITION], table[:, _RAW_ATTITUDE])
 
 
 def _repair_rows(rows: Array, axes: Axes) -> None:
     """Repaired columns of rows of one segment, each to the last bit the same whatever other rows there are."""
+    if axes.level and not axes.quat_xyzw[:3].any() and not axes.offset.any():
+        rows[:, _POSITION.start : _ATTITUDE.stop] = rows[:, _RAW_POSITION.start : _RAW_ATTITUDE.stop]
+        return
     place, attitude = axes.repaired(rows[:, _RAW_POSITION], rows[:, _RAW_ATTITUDE])
     rows[:, _POSITION] = place
-    rows[:, _ATTITUDE] = attitude if axes.quat_xyzw[3] == 1.0 else normalized_quaternions(attitude)
+    rows[:, _ATTITUDE] = normalized_quaternions(attitude)

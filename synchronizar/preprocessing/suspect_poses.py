@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from synchronizar.arrays import Array, Indices, Mask
+from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.parameters import Parameters
 
@@ -76,6 +78,32 @@ def frozen_poses(track: Track, parameters: Parameters) -> Mask:
     for run in frozen_runs(track, parameters):
         frozen[run.first + 1 : run.last + 1] = True
     return frozen
+
+
+def without_suspect_poses(recording: Recording, parameters: Parameters) -> Recording:
+    """The same recording without poses that cannot be where they say: it is solved as if they were not there."""
+    return without_frozen_poses(without_stray_poses(recording, parameters), parameters)
+
+
+def without_stray_poses(recording: Recording, parameters: Parameters) -> Recording:
+    """The same recording without the poses that are stamped far away from all others."""
+    return _without(recording, {name: stray_poses(track, parameters) for name, track in recording.tracks.items()})
+
+
+def without_frozen_poses(recording: Recording, parameters: Parameters) -> Recording:
+    """The same recording without the poses that repeat an earlier one while the device moved on."""
+    return _without(recording, {name: frozen_poses(track, parameters) for name, track in recording.tracks.items()})
+
+
+def _without(recording: Recording, wrong: dict[str, Mask]) -> Recording:
+    if not any(mask.any() for mask in wrong.values()):
+        return recording
+    tracks = {
+        name: Track(track.t[keep], track.position[keep], track.quat_xyzw[keep]) if not keep.all() else track
+        for name, track in recording.tracks.items()
+        for keep in [~wrong[name]]
+    }
+    return replace(recording, tracks=tracks)
 
 
 def _runs(same: Mask) -> tuple[Indices, Indices]:

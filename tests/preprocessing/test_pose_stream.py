@@ -59,6 +59,12 @@ def assert_as_the_batch(stream: PoseStream, track: Track, metres: float = 0.01, 
         assert (jump.distance, jump.turn, jump.tilt) == pytest.approx(
             (other.distance, other.turn, other.tilt), abs=1e-3
         )
+    whole = stream.repaired(ALL)
+    np.testing.assert_array_equal(whole.level, expected.level)
+    assert angles_between(whole.repaired_from_slam, expected.repaired_from_slam).max() < radians
+    assert whole.jumps == tuple(stream.jumps)
+    np.testing.assert_array_equal(whole.segment, expected.segment)
+    np.testing.assert_array_equal(whole.track.position, got.position)
     np.testing.assert_array_equal(got.t, track.t)
     np.testing.assert_array_equal(got.segment, expected.segment)
     np.testing.assert_array_equal(np.flatnonzero(got.rebuilt), poses_of(stream))
@@ -355,6 +361,45 @@ def test_axes_map_raw_poses_into_the_repaired_track() -> None:
     assert last is not None
     np.testing.assert_array_equal(last.position, tail.position[-1:])
     assert PoseStream(MODEL).last() is None
+
+
+def test_a_stretch_is_told_as_a_track_of_its_own() -> None:
+    once = relocalised(walk(turning=0.5), 80, (1.0, 0.0, 0.0), yaw_quaternion(0.4))
+    stream = settled(relocalised(once, 140, (0.0, 1.0, 0.0), yaw_quaternion(-0.2)))
+    stretch = stream.repaired(once.t[100])
+    assert [(jump.t, jump.pose) for jump in stretch.jumps] == [(once.t[140], 40)]
+    np.testing.assert_array_equal(stretch.segment, np.arange(100) >= 40)
+    assert angles_between(stretch.repaired_from_slam[0], yaw_quaternion(-0.4)) < 0.01
+    np.testing.assert_array_equal(stretch.level, [True, True])
+    with pytest.raises(ValueError, match="n > 0"):
+        stream.repaired(np.inf)
+
+
+odd = st.sampled_from([0.0, 1.0, 1e300, -1e308, 5e-324, np.nan, np.inf]) | st.floats(-1e3, 1e3)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    steps=st.lists(st.sampled_from([0.05] * 8 + [0.0, -0.05, 1e-9, 1e-300, 3.0, 20.0, -1e5, np.nan]), min_size=60),
+    strange=st.dictionaries(st.integers(0, 59), st.tuples(*[odd] * 7), max_size=12),
+)
+def test_whatever_comes_is_read_without_a_fault_of_ours(
+    steps: list[float], strange: dict[int, tuple[float, ...]]
+) -> None:
+    stream, t = PoseStream(MODEL), 0.0
+    for n, step in enumerate(steps):
+        pose = strange.get(n, (0.05 * n, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        stream.add(t + step, pose[:3], pose[3:])
+        t += step if np.isfinite(step) else 0.0
+        if n % 20 == 19:
+            stream.at(np.array([t - 0.3, t]))
+            stream.forget(t - 0.5)
+    stream.settle()
+    tail = stream.tail(ALL)
+    assert len(tail.t) == len(stream) <= len(steps)
+    assert all(np.isfinite(each).all() for each in tail)
+    assert (np.diff(tail.t) > 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(tail.quat_xyzw, axis=1), 1.0, atol=1e-9)
 
 
 # Stray stamps and frozen poses
