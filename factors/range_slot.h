@@ -63,6 +63,39 @@ class DeviceAtKeyframe {
   Vector3 place_;
 };
 
+// The squares of rows of one pair: i's own columns, j's, and the residual.
+using PairSquares = Eigen::Matrix<double, 2 * kOwnColumns + 1, 2 * kOwnColumns + 1>;
+
+// Add the squared row of one range; the range's height curvature (1/m^2) is returned.
+template <class Kind>
+double add_range(PairSquares& squares, const Kind& kind, double annealing, const DeviceAtKeyframe& i,
+                 const DeviceAtKeyframe& j, const Antenna& a_i, const Antenna& a_j, double measured,
+                 const RangeTraits& traits, double range_weight) {
+  const Vector3 arm_i = i.arm(a_i), arm_j = j.arm(a_j);
+  const Line line(i.place() + arm_i, j.place() + arm_j);
+  const double e = (line.distance + i.range_bias() + j.range_bias() - measured) / traits.sigma;
+  const LossValue value = annealed(kind, annealing, e, traits);
+  const double root = curvature_root(value);
+  if (root == 0.0) return 0.0;
+  const double slope = value.weight * e;
+  const Vector3& d = line.direction;
+  Eigen::Matrix<double, 2 * kOwnColumns + 1, 1> row;
+  row.segment<3>(0) = d;
+  row[3] = d.y() * arm_i.x() - d.x() * arm_i.y();
+  row[4] = i.scale() * d.dot(i.turned(a_i.offset));
+  row[5] = 1.0;
+  row[6] = d.dot(i.turned(a_i.velocity));
+  row.segment<3>(7) = -d;
+  row[10] = d.x() * arm_j.y() - d.y() * arm_j.x();
+  row[11] = -j.scale() * d.dot(j.turned(a_j.offset));
+  row[12] = 1.0;
+  row[13] = -d.dot(j.turned(a_j.velocity));
+  row.head<2 * kOwnColumns>() *= root / traits.sigma;
+  row[2 * kOwnColumns] = slope / root;
+  squares.noalias() += range_weight * row * row.transpose();
+  return range_weight * line.height_curvature(slope / traits.sigma);
+}
+
 class RangeSlot {
  public:
   // N ranges between k users, numbered from 0: of each range both users and both antennas, measured distance
