@@ -37,8 +37,8 @@ from synchronizar.preprocessing.range_measurements import RangeMeasurements, mea
 from synchronizar.preprocessing.range_weights import measured_range_weights, prior_range_weights
 
 _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes by more
-_GAIN = 0.05  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
-_GAIN_A_RANGE = 3e-5  # log likelihood per range, in addition
+_GAIN = 0.001  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
+_GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
 _ITERATIONS = 10
 
 

@@ -506,7 +506,7 @@ def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
         np.testing.assert_allclose(
             sure.poses[u] / np.outer(deviation, deviation),
             expected[u, :6, :6] / np.outer(deviation, deviation),
-            atol=2e-3,
+            atol=2e-2,
         )
         np.testing.assert_allclose(sure.calibrations[u], np.diag(expected[u])[6:], rtol=2e-3)
 
