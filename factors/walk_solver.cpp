@@ -483,16 +483,15 @@ WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const
                                 double gain) const {
   double here = cost(states, noise, loss);
   for (int n = 0; n < steps; ++n) {
-    const System system = linearized(states, noise, loss, nullptr, nullptr);
-    BorderedEnvelope matrix = system.matrix;
+    System system = linearized(states, noise, loss, nullptr, nullptr);
     // Where rounding makes it indefinite the step is damped.
-    for (double damping = 1e-10; !matrix.factorize(); damping *= 1e3) {
+    for (double damping = 1e-10; !system.matrix.factorize(); damping *= 1e3) {
       if (damping > 1.0) return states;
-      matrix = system.matrix;
-      matrix.damp(1.0 + damping);
+      system = linearized(states, noise, loss, nullptr, nullptr);
+      system.matrix.damp(1.0 + damping);
     }
     BorderedEnvelope::Sides step = system.gradient;
-    matrix.solve(step);
+    system.matrix.solve(step);
     double predicted = 0.0;
     for (size_t g = 0; g < step.size(); ++g)
       predicted += 0.5 * step[g].cwiseProduct(system.gradient[g]).sum();
@@ -534,10 +533,9 @@ Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise
     }
     column += size;
   }
-  const BorderedEnvelope matrix = system.matrix;
   // Where it is singular to rounding, what is not known gets a large covariance all the same.
   for (double damping = 1e-12; !system.matrix.factorize() && damping < 1.0; damping *= 1e2) {
-    system.matrix = matrix;
+    system = linearized(states, noise, loss, &height_curvature, nullptr);
     system.matrix.damp(1.0 + damping);
   }
   system.matrix.solve(sides);
