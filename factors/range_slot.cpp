@@ -150,7 +150,7 @@ Eigen::MatrixXd RangeSlot::normal(const Devices& devices, const Loss& loss,
         for (Eigen::Index n = 0; n < size(); ++n) {
           if (n > 0 && ranges_->pair[n] != ranges_->pair[n - 1]) add_squares(ranges_->pair[n - 1]);
           height_information[ranges_->pair[n]] +=
-              add_range(squares, kind, loss.annealing, devices[static_cast<size_t>(ranges_->user_i[n])],
+              add_range<kOwnColumns>(squares, kind, loss.annealing, devices[static_cast<size_t>(ranges_->user_i[n])],
                         devices[static_cast<size_t>(ranges_->user_j[n])], ranges_->i.at(n), ranges_->j.at(n),
                         ranges_->measured[n], traits(n), range_weight_[n]);
         }

@@ -232,11 +232,12 @@ Column WalkSolver::residuals(const WalkStates& states, const Column& assumed_clo
   return out;
 }
 
+template <int kColumns>
 void WalkSolver::add_ranges(System& system, const WalkStates& states, const WalkNoise& noise,
                             const Loss& loss, const Column* height_curvature) const {
   const auto at = devices(states, noise.assumed_clock);
   const Eigen::Index n = walks_.measured.size();
-  PairSquares squares;
+  SquaresOf<kColumns> squares;
   std::visit(
       [&](const auto& kind) {
         for (Eigen::Index begin = 0, end = 0; begin < n; begin = end) {
@@ -246,7 +247,7 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
           squares.setZero();
           double height_information = 0.0, replaced = 0.0;
           for (; end < n && walks_.keyframe_i[end] == key_i && walks_.keyframe_j[end] == key_j; ++end) {
-            height_information += add_range(
+            height_information += add_range<kColumns>(
                 squares, kind, loss.annealing, i, j, walks_.i.at(end), walks_.j.at(end), walks_.measured[end],
                 {walks_.sigma[end], noise.nlos_odds[end]}, noise.range_weight[end]);
             if (height_curvature != nullptr) replaced += (*height_curvature)[end];
@@ -254,35 +255,39 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
           if (height_curvature != nullptr) height_information = replaced;
           if (height_information > 0.0) {
             squares(2, 2) += height_information;
-            squares(9, 9) += height_information;
-            squares(2, 9) -= height_information;
-            squares(9, 2) -= height_information;
+            squares(kColumns + 2, kColumns + 2) += height_information;
+            squares(2, kColumns + 2) -= height_information;
+            squares(kColumns + 2, 2) -= height_information;
           }
-          // A keyframe that is fixed moves in height by its device's scale.
-          for (const auto& [first, key] : {std::pair(0, key_i), std::pair(kOwnColumns, key_j)}) {
-            const double by_scale = height_by_scale(key, states);
-            if (by_scale == 0.0) continue;
-            squares.col(first + 4) += by_scale * squares.col(first + 2);
-            squares.row(first + 4) += by_scale * squares.row(first + 2);
+          const std::pair<const Where&, int> places[] = {
+              {keyframe_at_[static_cast<size_t>(key_i)], 0},
+              {keyframe_at_[static_cast<size_t>(key_j)], kColumns}};
+          if constexpr (kColumns == kOwnColumns) {
+            // A keyframe that is fixed moves in height by its device's scale.
+            for (const auto& [first, key] : {std::pair(0, key_i), std::pair(kColumns, key_j)}) {
+              const double by_scale = height_by_scale(key, states);
+              if (by_scale == 0.0) continue;
+              squares.col(first + 4) += by_scale * squares.col(first + 2);
+              squares.row(first + 4) += by_scale * squares.row(first + 2);
+            }
+            const std::pair<const Where&, int> of_devices[] = {
+                {device_at_[static_cast<size_t>(user_[key_i])], 4},
+                {device_at_[static_cast<size_t>(user_[key_j])], kColumns + 4}};
+            for (const auto& [a, row] : of_devices) {
+              system.add(a, a, squares.template block<3, 3>(row, row));
+              system.add_gradient(a, squares.template block<3, 1>(row, 2 * kColumns));
+              for (const auto& [b, column] : places) {
+                system.add(a, b, squares.template block<3, 4>(row, column));
+              }
+            }
+            system.add(of_devices[0].first, of_devices[1].first,
+                       squares.template block<3, 3>(4, kColumns + 4));
           }
-          const Where& place_i = keyframe_at_[static_cast<size_t>(key_i)];
-          const Where& place_j = keyframe_at_[static_cast<size_t>(key_j)];
-          const Where& device_i = device_at_[static_cast<size_t>(user_[key_i])];
-          const Where& device_j = device_at_[static_cast<size_t>(user_[key_j])];
-          const std::pair<const Where&, int> of_places[] = {{place_i, 0}, {place_j, kOwnColumns}};
-          const std::pair<const Where&, int> of_devices[] = {{device_i, 4}, {device_j, kOwnColumns + 4}};
-          constexpr int kResidual = 2 * kOwnColumns;
-          for (const auto& [a, row] : of_places) {
-            system.add(a, a, squares.block<4, 4>(row, row));
-            system.add_gradient(a, squares.block<4, 1>(row, kResidual));
-            for (const auto& [b, column] : of_devices) system.add(b, a, squares.block<3, 4>(column, row));
+          for (const auto& [a, row] : places) {
+            system.add(a, a, squares.template block<4, 4>(row, row));
+            system.add_gradient(a, squares.template block<4, 1>(row, 2 * kColumns));
           }
-          system.add(place_i, place_j, squares.block<4, 4>(0, kOwnColumns));
-          for (const auto& [a, row] : of_devices) {
-            system.add(a, a, squares.block<3, 3>(row, row));
-            system.add_gradient(a, squares.block<3, 1>(row, kResidual));
-          }
-          system.add(device_i, device_j, squares.block<3, 3>(4, kOwnColumns + 4));
+          system.add(places[0].first, places[1].first, squares.template block<4, 4>(0, kColumns));
         }
       },
       loss.kind);
@@ -450,7 +455,11 @@ WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNo
                                           const Column* height_curvature,
                                           const Marks* without_steps_to) const {
   System out = zero();
-  add_ranges(out, states, noise, loss, height_curvature);
+  if (walks_.calibrated) {
+    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature);
+  } else {
+    add_ranges<4>(out, states, noise, loss, height_curvature);
+  }
   add_priors(out, states, noise);
   for (int n = 1; n < states.places.rows(); ++n) {
     const bool is_step = user_[n] == user_[n - 1];

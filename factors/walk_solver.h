@@ -144,6 +144,7 @@ class WalkSolver {
   System zero() const;
   System linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                     const Column* height_curvature, const Marks* without_steps_to) const;
+  template <int kColumns>  // seven a user, or the places' four where calibrations are no variables
   void add_ranges(System& system, const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                   const Column* height_curvature) const;
   void add_priors(System& system, const WalkStates& states, const WalkNoise& noise) const;
