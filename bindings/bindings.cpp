@@ -23,6 +23,7 @@
 #include "factors/placement_search.h"
 #include "factors/range_block.h"
 #include "factors/range_slot.h"
+#include "factors/walk_solver.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -85,6 +86,22 @@ void check_slot(const RangeSlot& slot, const Poses& poses, const SlotCalibration
           "poses and calibrations must have one row a user");
   require(!height_curvature || static_cast<size_t>(height_curvature->size()) == slot.pairs().size(),
           "height_curvature must have one number a pair");
+}
+
+void check_states(const WalkSolver& solver, const WalkPlaces& places, const ThreeColumns& calibration) {
+  const Walks& walks = solver.walks();
+  require(places.rows() == walks.t.size() && calibration.rows() == walks.users,
+          "places must have one row a keyframe, calibration one a user");
+  require(places.allFinite() && calibration.allFinite(), "states must be finite");
+}
+
+void check_states(const WalkSolver& solver, const WalkPlaces& places, const ThreeColumns& calibration,
+                  const WalkNoise& noise) {
+  check_states(solver, places, calibration);
+  const Walks& walks = solver.walks();
+  require(noise.nlos_odds.size() == walks.measured.size() && noise.step_sigma.rows() == places.rows() &&
+              noise.about.rows() == walks.users,
+          "the noise is that of other walks");
 }
 
 template <class Kind>
@@ -274,6 +291,125 @@ NB_MODULE(_core, m) {
                                            height_curvature);
           },
           "frames"_a, "calibrations"_a, "loss"_a, "annealing"_a = 1.0, "height_curvature"_a = nb::none());
+
+  nb::class_<WalkNoise>(m, "WalkNoise")
+      .def(
+          "__init__",
+          [](WalkNoise* self, const Column& nlos_odds, const Column& range_weight,
+             const ThreeColumns& step_sigma, const WalkPlaces& about, double place_sigma, double yaw_sigma,
+             const Column& height_sigma, const ThreeColumns& device_sigma, const Vector3& shared_sigma,
+             const Column& assumed_clock) {
+            check_nlos_odds(nlos_odds, range_weight.size());
+            check_range_weight(range_weight, range_weight.size());
+            const auto k = about.rows();
+            require(height_sigma.size() == k && device_sigma.rows() == k && assumed_clock.size() == k,
+                    "priors must have one row a user");
+            require(place_sigma > 0.0 && yaw_sigma > 0.0 && (height_sigma.array() > 0.0).all() &&
+                        (device_sigma.array() > 0.0).all() && (shared_sigma.array() > 0.0).all() &&
+                        (step_sigma.array() > 0.0).all(),
+                    "sigmas must be positive");
+            require(about.allFinite() && assumed_clock.allFinite() && step_sigma.allFinite(),
+                    "priors must be finite");
+            new (self) WalkNoise{nlos_odds, range_weight, step_sigma,   about,        place_sigma,
+                                 yaw_sigma, height_sigma, device_sigma, shared_sigma, assumed_clock};
+          },
+          "nlos_odds"_a, "range_weight"_a, "step_sigma"_a, "about"_a, "place_sigma"_a, "yaw_sigma"_a,
+          "height_sigma"_a, "device_sigma"_a, "shared_sigma"_a, "assumed_clock"_a);
+
+  nb::class_<WalkSolver>(m, "WalkSolver")
+      .def(
+          "__init__",
+          [](WalkSolver* self, int reference, bool calibrated, const Numbers& first, const Column& t,
+             const Points& slam, const Numbers& keyframe_i, const Numbers& keyframe_j,
+             const std::array<Points, 3>& i, const std::array<Points, 3>& j, const Column& measured,
+             const Column& sigma) {
+            check_bounds(first, t.size());
+            const int users = static_cast<int>(first.size()) - 1;
+            require(0 <= reference && reference < users, "the reference is nobody");
+            for (int u = 0; u < users; ++u) require(first[u] < first[u + 1], "a user has no keyframe");
+            require(slam.rows() == t.size() && slam.allFinite() && t.allFinite(),
+                    "t and slam must have one row a keyframe and be finite");
+            const auto n = measured.size();
+            require(keyframe_i.size() == n && keyframe_j.size() == n, "keyframes must be (n,)");
+            if (n > 0) {
+              check_ranges(i[0], j[0], measured, sigma, Column::Zero(n));
+              require(keyframe_i.minCoeff() >= 0 && keyframe_j.minCoeff() >= 0 &&
+                          keyframe_i.maxCoeff() < t.size() && keyframe_j.maxCoeff() < t.size(),
+                      "a range names a keyframe that is not there");
+            }
+            const Antennas at_i{i[0], i[1], i[2]}, at_j{j[0], j[1], j[2]};
+            check_antennas(at_i, n);
+            check_antennas(at_j, n);
+            new (self) WalkSolver(Walks{users, reference, calibrated, first, t, slam, keyframe_i, keyframe_j,
+                                        at_i, at_j, measured, sigma});
+          },
+          "reference"_a, "calibrated"_a, "first"_a, "t"_a, "slam"_a, "keyframe_i"_a, "keyframe_j"_a, "i"_a,
+          "j"_a, "measured"_a, "sigma"_a)
+      .def(
+          "residuals",
+          [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
+             const Column& assumed_clock) {
+            check_states(self, places, calibration);
+            require(assumed_clock.size() == self.walks().users, "assumed_clock must be (k,)");
+            return self.residuals({places, calibration}, assumed_clock);
+          },
+          "places"_a, "calibration"_a, "assumed_clock"_a)
+      .def(
+          "cost",
+          [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
+             const WalkNoise& noise, const LossKind& loss, double annealing) {
+            check_states(self, places, calibration, noise);
+            return self.cost({places, calibration}, noise, make_loss(loss, annealing));
+          },
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "annealing"_a = 1.0)
+      .def(
+          "gradient",
+          [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
+             const WalkNoise& noise, const LossKind& loss, double annealing) {
+            check_states(self, places, calibration, noise);
+            const WalkStates out = self.gradient({places, calibration}, noise, make_loss(loss, annealing));
+            return std::pair(out.places, out.calibration);
+          },
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "annealing"_a = 1.0)
+      .def(
+          "optimize",
+          [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
+             const WalkNoise& noise, const LossKind& loss, double annealing, int steps, double gain) {
+            check_states(self, places, calibration, noise);
+            const WalkStates out =
+                self.optimize({places, calibration}, noise, make_loss(loss, annealing), steps, gain);
+            return std::pair(out.places, out.calibration);
+          },
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "annealing"_a, "steps"_a, "gain"_a)
+      .def(
+          "covariance",
+          [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
+             const WalkNoise& noise, const LossKind& loss, const Column& height_curvature,
+             const Numbers& keyframes) {
+            check_states(self, places, calibration, noise);
+            require(height_curvature.size() == self.walks().measured.size(), "height_curvature must be (n,)");
+            require(
+                keyframes.size() == 0 || (keyframes.minCoeff() >= 0 && keyframes.maxCoeff() < places.rows()),
+                "a keyframe is not there");
+            return self.covariance({places, calibration}, noise, make_loss(loss, 1.0), height_curvature,
+                                   keyframes);
+          },
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "height_curvature"_a, "keyframes"_a)
+      .def(
+          "step_noise",
+          [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
+             const WalkNoise& noise, const LossKind& loss, const WalkSolver::Marks& kept,
+             const WalkSolver::Marks& counted, double weight, int rounds) {
+            check_states(self, places, calibration, noise);
+            require(kept.size() == places.rows() && counted.size() == places.rows(),
+                    "kept and counted must be (m,)");
+            for (const int first : self.walks().first) {
+              require(first == counted.size() || !counted[first], "no step leads to a user's first keyframe");
+            }
+            return self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept, counted, weight,
+                                   rounds);
+          },
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "weight"_a, "rounds"_a);
 
   m.def("semidefinite_root", &semidefinite_root, "normal"_a);
 

@@ -53,10 +53,11 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
     Emission out;
     const double early = e > 0.0 ? loss.background(e, {sigma[k], 0.0}) / (1.0 + e * e * s * s) : 0.0;
     out.inlier = static_cast<float>(std::exp(-0.5 * e * e) + early + kLeast);
-    const Lengths variance = ladder.variance / (s * s) + 1.0;
-    const Lengths off = e + ladder.length / s;
-    out.nlos =
-        ((-0.5 * off.square() / variance).exp() / variance.sqrt() + kLeast) * (nlos_odds[k] / typical_odds);
+    const auto per_sigma = static_cast<float>(1.0 / s);
+    const Lengths variance = ladder.variance * (per_sigma * per_sigma) + 1.0F;
+    const Lengths off = static_cast<float>(e) + ladder.length * per_sigma;
+    out.nlos = ((-0.5F * off.square() / variance).exp() * variance.rsqrt() + static_cast<float>(kLeast)) *
+               static_cast<float>(nlos_odds[k] / typical_odds);
     return out;
   };
   struct Step {
@@ -70,7 +71,7 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
   };
 
   // Forward: the state probabilities of each range given those before it.
-  Eigen::Array<float, 1 + kLengths, Eigen::Dynamic> ahead(1 + kLengths, n);
+  Eigen::Array<float, 1 + kLengths, Eigen::Dynamic> ahead(1 + kLengths, n), emitted(1 + kLengths, n);
   BurstOdds out{Column(n), 0.0};
   auto inlier = static_cast<float>(1.0 - share);
   Lengths nlos = static_cast<float>(share) * ladder.prior;
@@ -87,6 +88,8 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
     ahead(0, k) = inlier;
     ahead.col(k).tail<kLengths>() = nlos;
     const Emission here = emission(k);
+    emitted(0, k) = here.inlier;
+    emitted.col(k).tail<kLengths>() = here.nlos;
     inlier *= here.inlier;
     nlos *= here.nlos;
     const float sum = inlier + nlos.sum();
@@ -99,7 +102,7 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
   float after_inlier = 1.0F;
   Lengths after_nlos = Lengths::Ones();
   for (Eigen::Index k = n - 1; k >= 0; --k) {
-    const Emission here = emission(k);
+    const Emission here{emitted(0, k), emitted.col(k).tail<kLengths>()};
     // Line of sight by its neighbours alone: the range's own residual enters by the loss.
     const double is_inlier = static_cast<double>(ahead(0, k)) * after_inlier;
     const double is_nlos = (ahead.col(k).tail<kLengths>() * here.nlos * after_nlos).sum();

@@ -130,10 +130,7 @@ Eigen::MatrixXd RangeSlot::normal(const Devices& devices, const Loss& loss,
   const Eigen::Index residual = kOwnColumns * users();
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(residual + 1, residual + 1);
   Column height_information = Column::Zero(static_cast<Eigen::Index>(pairs().size()));
-  // The squares of a run of rows of one pair: i's columns, j's and the residual.
-  Eigen::Matrix<double, 2 * kOwnColumns + 1, 2 * kOwnColumns + 1> squares;
-  Eigen::Matrix<double, 2 * kOwnColumns + 1, 1> row;
-  squares.setZero();
+  PairSquares squares = PairSquares::Zero();
   const auto add_squares = [&](int pair) {
     const auto [i, j] = pairs()[static_cast<size_t>(pair)];
     const Eigen::Index begin[] = {kOwnColumns * i, kOwnColumns * j};
@@ -152,32 +149,10 @@ Eigen::MatrixXd RangeSlot::normal(const Devices& devices, const Loss& loss,
       [&](const auto& kind) {
         for (Eigen::Index n = 0; n < size(); ++n) {
           if (n > 0 && ranges_->pair[n] != ranges_->pair[n - 1]) add_squares(ranges_->pair[n - 1]);
-          const DeviceAtKeyframe& i = devices[static_cast<size_t>(ranges_->user_i[n])];
-          const DeviceAtKeyframe& j = devices[static_cast<size_t>(ranges_->user_j[n])];
-          const Antenna a_i = ranges_->i.at(n), a_j = ranges_->j.at(n);
-          const Vector3 arm_i = i.arm(a_i), arm_j = j.arm(a_j);
-          const Line line(i.place() + arm_i, j.place() + arm_j);
-          const double sigma = ranges_->sigma[n];
-          const double e = (line.distance + i.range_bias() + j.range_bias() - ranges_->measured[n]) / sigma;
-          const LossValue value = annealed(kind, loss.annealing, e, traits(n));
-          const double root = curvature_root(value);
-          if (root == 0.0) continue;
-          const double slope = value.weight * e;
-          const Vector3& d = line.direction;
-          row.segment<3>(0) = d;
-          row[3] = d.y() * arm_i.x() - d.x() * arm_i.y();
-          row[4] = i.scale() * d.dot(i.turned(a_i.offset));
-          row[5] = 1.0;
-          row[6] = d.dot(i.turned(a_i.velocity));
-          row.segment<3>(7) = -d;
-          row[10] = d.x() * arm_j.y() - d.y() * arm_j.x();
-          row[11] = -j.scale() * d.dot(j.turned(a_j.offset));
-          row[12] = 1.0;
-          row[13] = -d.dot(j.turned(a_j.velocity));
-          row.head<2 * kOwnColumns>() *= root / sigma;
-          row[2 * kOwnColumns] = slope / root;
-          squares.noalias() += range_weight_[n] * row * row.transpose();
-          height_information[ranges_->pair[n]] += range_weight_[n] * line.height_curvature(slope / sigma);
+          height_information[ranges_->pair[n]] +=
+              add_range<kOwnColumns>(squares, kind, loss.annealing, devices[static_cast<size_t>(ranges_->user_i[n])],
+                        devices[static_cast<size_t>(ranges_->user_j[n])], ranges_->i.at(n), ranges_->j.at(n),
+                        ranges_->measured[n], traits(n), range_weight_[n]);
         }
         if (size() > 0) add_squares(ranges_->pair[size() - 1]);
       },

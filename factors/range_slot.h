@@ -63,6 +63,44 @@ class DeviceAtKeyframe {
   Vector3 place_;
 };
 
+// The squares of rows of one pair: i's own columns, j's, and the residual. Where calibrations are no
+// variables the places' four columns are all.
+template <int kColumns>
+using SquaresOf = Eigen::Matrix<double, 2 * kColumns + 1, 2 * kColumns + 1>;
+using PairSquares = SquaresOf<kOwnColumns>;
+
+// Add the squared row of one range; the range's height curvature (1/m^2) is returned.
+template <int kColumns, class Kind>
+double add_range(SquaresOf<kColumns>& squares, const Kind& kind, double annealing, const DeviceAtKeyframe& i,
+                 const DeviceAtKeyframe& j, const Antenna& a_i, const Antenna& a_j, double measured,
+                 const RangeTraits& traits, double range_weight) {
+  const Vector3 arm_i = i.arm(a_i), arm_j = j.arm(a_j);
+  const Line line(i.place() + arm_i, j.place() + arm_j);
+  const double e = (line.distance + i.range_bias() + j.range_bias() - measured) / traits.sigma;
+  const LossValue value = annealed(kind, annealing, e, traits);
+  const double root = curvature_root(value);
+  if (root == 0.0) return 0.0;
+  const double slope = value.weight * e;
+  const Vector3& d = line.direction;
+  Eigen::Matrix<double, 2 * kColumns + 1, 1> row;
+  row.template segment<3>(0) = d;
+  row[3] = d.y() * arm_i.x() - d.x() * arm_i.y();
+  row.template segment<3>(kColumns) = -d;
+  row[kColumns + 3] = d.x() * arm_j.y() - d.y() * arm_j.x();
+  if constexpr (kColumns == kOwnColumns) {
+    row[4] = i.scale() * d.dot(i.turned(a_i.offset));
+    row[5] = 1.0;
+    row[6] = d.dot(i.turned(a_i.velocity));
+    row[11] = -j.scale() * d.dot(j.turned(a_j.offset));
+    row[12] = 1.0;
+    row[13] = -d.dot(j.turned(a_j.velocity));
+  }
+  row.template head<2 * kColumns>() *= root / traits.sigma;
+  row[2 * kColumns] = slope / root;
+  squares.noalias() += range_weight * row * row.transpose();
+  return range_weight * line.height_curvature(slope / traits.sigma);
+}
+
 class RangeSlot {
  public:
   // N ranges between k users, numbered from 0: of each range both users and both antennas, measured distance

@@ -195,6 +195,105 @@ class RangeSlot:
         `frames` (k, 4) x, y, yaw, height of each user.
         """
 
+class WalkNoise:
+    """Weights and priors of the walks of k users with m keyframes and n ranges (factors/walk_solver.h)."""
+
+    def __init__(
+        self,
+        nlos_odds: Array,
+        range_weight: Array,
+        step_sigma: Array,
+        about: Array,
+        place_sigma: float,
+        yaw_sigma: float,
+        height_sigma: Array,
+        device_sigma: Array,
+        shared_sigma: Array,
+        assumed_clock: Array,
+    ) -> None:
+        """Of ranges (n,) each; `step_sigma` (m, 3) of the step to each keyframe: in the plane, height and yaw.
+
+        `about` (k, 4) prior means of each user's first keyframe, with `place_sigma` and `yaw_sigma`; `height_sigma`
+        (k,) of origins about their mean; `device_sigma` (k, 3) of calibrations about the shared one, `shared_sigma`
+        (3,) of that about 0; `assumed_clock` (k,) s at which antennas were read.
+        """
+
+class WalkSolver:
+    """The most likely walks of k users with m keyframes, given n ranges (factors/walk_solver.h)."""
+
+    def __init__(
+        self,
+        reference: int,
+        calibrated: bool,
+        first: Indices,
+        t: Array,
+        slam: Array,
+        keyframe_i: Indices,
+        keyframe_j: Indices,
+        i: Antennas,
+        j: Antennas,
+        measured: Array,
+        sigma: Array,
+    ) -> None:
+        """`first` (k + 1,) the first keyframe of each user and the end; `t` (m,) s; `slam` (m, 3) SLAM units.
+
+        `keyframe_i`, `keyframe_j` (n,) of each range, antennas in their axes. `calibrated`: whether calibrations are
+        variables.
+        """
+
+    def residuals(self, places: Array, calibration: Array, assumed_clock: Array) -> Array:
+        """(n,) m, predicted minus measured. `places` (m, 4) x, y, z, yaw; `calibration` (k, 3)."""
+
+    def cost(self, places: Array, calibration: Array, noise: WalkNoise, loss: Loss, annealing: float = 1.0) -> float:
+        """Negative log likelihood, at the most likely shared calibration and mean height."""
+
+    def gradient(
+        self, places: Array, calibration: Array, noise: WalkNoise, loss: Loss, annealing: float = 1.0
+    ) -> tuple[Array, Array]:
+        """(m, 4) and (k, 3): the gradient of the cost by places and calibrations, 0 by what is fixed."""
+
+    def optimize(
+        self,
+        places: Array,
+        calibration: Array,
+        noise: WalkNoise,
+        loss: Loss,
+        annealing: float,
+        steps: int,
+        gain: float,
+    ) -> tuple[Array, Array]:
+        """Places and calibrations at a local optimum: at most `steps` Gauss-Newton steps that gain `gain` or more."""
+
+    def covariance(
+        self,
+        places: Array,
+        calibration: Array,
+        noise: WalkNoise,
+        loss: Loss,
+        height_curvature: Array,
+        keyframes: Indices,
+    ) -> Array:
+        """Joint covariance of `keyframes`' x, y, z, yaw, then of all calibrations where they are variables.
+
+        `height_curvature` (n,) 1/m^2 replaces the ranges' own.
+        """
+
+    def step_noise(
+        self,
+        places: Array,
+        calibration: Array,
+        noise: WalkNoise,
+        loss: Loss,
+        kept: Mask,
+        counted: Mask,
+        weight: float,
+        rounds: int,
+    ) -> Array:
+        """(k, 2) factors on step sigmas in place and heading of the steps to the keyframes `counted` (m,).
+
+        Only the keyframes `kept` (m,), a run of each user, and the ranges between them are used.
+        """
+
 def semidefinite_root(normal: Array) -> Array:
     """Rows R with R' R = `normal`, as many as its rank; `normal` is positive semidefinite but for rounding."""
 

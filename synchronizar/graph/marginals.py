@@ -86,9 +86,58 @@ def marginalized(graph: PoseGraph, states: States, sources: Errors, own_height: 
 def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooperative[Errors]:
     """Square roots of the joint covariance at the states, as a cooperative task.
 
-    Laplace's method: the covariance is the inverse of the cost's second derivatives. Where gtsam's Cholesky fails, a QR
-    of the whole Jacobian takes its place.
+    Laplace's method: the covariance is the inverse of the cost's second derivatives.
     """
+    if graph.marginal_prior is not None:
+        return (yield from _errors_in_frames(graph, states, em_weights))
+    yield
+    walks, calibrated = graph.walks, bool(graph.calibrations)
+    k, first, last = len(walks.users), walks.first[:-1], walks.first[1:] - 1
+    height_curvature = graph.height_curvature(states, em_weights)
+    covariance = walks.solver.covariance(
+        walks.places(states),
+        states.calibration[walks.users],
+        graph.walk_noise(states.anchor_poses, em_weights),
+        graph.loss,
+        _mean_curvature(graph, height_curvature),
+        np.concatenate([first, last]),
+    )
+    size = np.sqrt(np.diag(covariance))
+    size[size == 0.0] = 1.0  # of what is fixed
+    eigenvalues, axes = np.linalg.eigh(covariance / np.outer(size, size))
+    root = size[:, None] * axes * np.sqrt(np.maximum(eigenvalues, 0.0))
+    none = np.zeros((3, root.shape[1]))
+    of_first, of_last = root[: 4 * k].reshape(k, 4, -1), root[4 * k : 8 * k].reshape(k, 4, -1).copy()
+    of_calibrations = root[8 * k :].reshape(k, 3, -1) if calibrated else np.broadcast_to(none, (k, *none.shape))
+    # A height of SLAM's grows with scale.
+    by_scale = np.exp(states.calibration[walks.users, SCALE]) * walks.slam[first, 2]
+    of_scale = of_calibrations[:, SCALE]
+    if last[walks.reference] == first[walks.reference]:
+        of_last[walks.reference, 2] += by_scale[walks.reference] * of_scale[walks.reference]
+    free = [n for n in range(k) if n != walks.reference]
+    heights = of_first[free, 2] - by_scale[free, None] * of_scale[free]
+    bent = _negative_curvature(graph, height_curvature)
+    errors = np.concatenate([of_last, of_scale[:, None]], axis=1)
+    straight = _with_negative_curvature(heights, bent)
+    return Errors(
+        {u: errors[n] @ straight for n, u in enumerate(walks.users)},
+        {u: of_calibrations[n] @ straight for n, u in enumerate(walks.users) if calibrated},
+    )
+
+
+def _with_negative_curvature(heights: Array, negative_curvature: Array) -> Array:
+    """(d, d): what takes square roots of a covariance to those of it with negative curvature in height.
+
+    `heights` are the square root's rows of the free users' heights. The factors leave out negative curvature in height:
+    between two equally good heights the cost is flatter than they say. It is added here; the information in any
+    direction falls to no less than a tenth.
+    """
+    eigenvalues, vectors = np.linalg.eigh(np.eye(heights.shape[1]) + heights.T @ negative_curvature @ heights)
+    return np.asarray(vectors / np.sqrt(np.maximum(eigenvalues, 0.1)))
+
+
+def _errors_in_frames(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooperative[Errors]:
+    """The same by gtsam's factors; where its Cholesky fails, a QR of the whole Jacobian takes its place."""
     last_keys = [
         key
         for u in graph.active_users
@@ -109,12 +158,7 @@ def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooper
     root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
     rows_of = dict(zip(kept, keys.rows(kept), strict=True))
     heights = root[[rows_of[keys.height(u)].start for u in graph.free]]
-    # The factors leave out negative curvature in height: between two equally good heights the cost is flatter than they
-    # say. It is added here; the information in any direction falls to no less than a tenth.
-    eigenvalues, vectors = np.linalg.eigh(
-        np.eye(len(root)) + heights.T @ _negative_curvature(graph, height_curvature) @ heights
-    )
-    root = root @ vectors / np.sqrt(np.maximum(eigenvalues, 0.1))
+    root = root @ _with_negative_curvature(heights, _negative_curvature(graph, height_curvature))
     none = np.zeros((5, root.shape[1]))
     errors = {
         u: sum((by @ root[rows_of[key]] for key, by in _last_pose_jacobians(graph, states, u).items()), none)

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple, Self
 
 import gtsam
 import numpy as np
 
-from synchronizar._core import CalibratedRangeBlock, NlosMixture, burst_nlos_odds_of_pairs, mixture_terms
+from synchronizar._core import CalibratedRangeBlock, NlosMixture, WalkNoise, burst_nlos_odds_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices
 from synchronizar.cooperative import Cooperative, finish
 from synchronizar.data.recording import Recording
@@ -28,15 +29,16 @@ from synchronizar.graph.optimization import optimizing
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.range_factors import CalibratedRangeBlockFactor, CalibratedUserKeys, PoseCache
-from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, antennas, slam_states, steps, to_rigid_ranges
+from synchronizar.graph.states import CLOCK, SCALE, States, slam_states, steps, to_rigid_ranges
+from synchronizar.graph.walks import Walks
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_ends
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, mean_by_pair, pair_bounds
 from synchronizar.preprocessing.range_weights import measured_range_weights, prior_range_weights
 
 _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes by more
-_GAIN = 0.05  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
-_GAIN_A_RANGE = 3e-5  # log likelihood per range, in addition
+_GAIN = 0.001  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
+_GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
 _ITERATIONS = 10
 
 
@@ -90,7 +92,7 @@ class PoseGraph:
         self._prior_height_users = active_users if marginal_prior is None else [reference, *self._new]
         self.sigma = np.hypot(measurements.sigma, parameters.ranges.multipath_sigma)
         self._gain = _GAIN + _GAIN_A_RANGE * len(measurements)
-        self._loss: NlosMixture = nlos_mixture(parameters)
+        self.loss: NlosMixture = nlos_mixture(parameters)
         self._height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
         self._pose_cache = PoseCache()
         self._read_antennas(np.zeros(len(self.users)))
@@ -136,6 +138,7 @@ class PoseGraph:
         """
         out = copy(self)
         out._read_antennas(clock_offset)
+        out.__dict__.pop("walks", None)
         return out
 
     def _read_antennas(self, clock_offset: Array) -> None:
@@ -166,12 +169,51 @@ class PoseGraph:
 
     def residuals(self, states: States) -> Array:
         """(n,) m, predicted minus measured."""
-        s = self.measurements
-        i = antennas(states, s.i, self._ends[0], self._clock)
-        j = antennas(states, s.j, self._ends[1], self._clock)
-        q_i, q_j = (apply_frames(states.anchor_poses[who], p) for who, p in ((s.i, i), (s.j, j)))
-        bias = states.calibration[s.i, BIAS] + states.calibration[s.j, BIAS]
-        return np.asarray(np.linalg.norm(q_i - q_j, axis=1) + bias - s.distance)
+        walks = self.walks
+        return walks.solver.residuals(walks.places(states), states.calibration[walks.users], self._clock[walks.users])
+
+    @cached_property
+    def walks(self) -> Walks:
+        """The walks as the core's solver has them."""
+        s, (i, j) = self.measurements, self._ends
+        users = self.active_users
+        return Walks.of(
+            users,
+            self.reference,
+            [self.keyframes[u].place - self.keyframes[u].anchor for u in users],
+            [self.keyframes[u].t - self._clock[u] for u in users],
+            bool(self.calibrations),
+            (s.i, s.j, s.distance, self.sigma),
+            (i.keyframe, j.keyframe),
+            ((i.offset, i.lever, i.velocity), (j.offset, j.lever, j.velocity)),
+        )
+
+    def walk_noise(self, about: Array, em_weights: EmWeights) -> WalkNoise:
+        """Weights and priors of the walks; the wide priors of position and yaw are centred on frames (k, 4)."""
+        m, users = self.parameters, self.active_users
+        own, common = calibration_sigmas(m)
+        weight = np.sqrt(em_weights.calibration_weight)
+        of_users = [
+            np.vstack([np.ones((1, 3)), self.keyframes[u].step_sigma / np.sqrt(em_weights.step_weight[u])[:, None]])
+            for u in users
+        ]
+        return WalkNoise(
+            em_weights.nlos_odds,
+            em_weights.range_weight,
+            np.concatenate(of_users),
+            about[users],
+            m.priors.place_sigma,
+            self._yaw_sigma,
+            self._height_sigma[users],
+            own / weight[users],
+            common / weight[-1],
+            self._clock[users],
+        )
+
+    @property
+    def _yaw_sigma(self) -> float:
+        """All users may turn about the reference together: their k priors on that turn must weigh as much as one."""
+        return float(self.parameters.priors.yaw_sigma * np.sqrt(max(len(self.free), 1)))
 
     def to_rigid_ranges(self, states: States) -> RangeMeasurements:
         """The ranges for a rigid model: antennas corrected for drift, scale and clock, distances for radio bias."""
@@ -184,7 +226,7 @@ class PoseGraph:
     def inlier_probability(self, states: States, em_weights: EmWeights) -> tuple[Array, Array]:
         """(n,) each: the weight that the loss gives each range, and the probability that it is line-of-sight."""
         whitened = self.residuals(states) / self.sigma
-        _, weight, inlier_probability = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self._loss)
+        _, weight, inlier_probability = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
         return weight, inlier_probability
 
     def height_curvature(self, states: States, em_weights: EmWeights) -> Array:
@@ -199,7 +241,7 @@ class PoseGraph:
         )
         distance = np.maximum(np.linalg.norm(between, axis=1), 1e-9)
         whitened = (distance - flat.distance) / self.sigma
-        _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self._loss)
+        _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
         level = 1.0 - (between[:, 2] / distance) ** 2
         return np.asarray(em_weights.range_weight * weight * whitened / self.sigma * level / distance)
 
@@ -220,9 +262,7 @@ class PoseGraph:
         m, s = self.parameters, self.measurements
         whitened = self.residuals(states) / self.sigma
         bounds = pair_bounds(s)
-        odds, chains = burst_nlos_odds_of_pairs(
-            bounds, s.t, whitened, self.sigma, s.nlos_odds, self._loss, bursts_of(m)
-        )
+        odds, chains = burst_nlos_odds_of_pairs(bounds, s.t, whitened, self.sigma, s.nlos_odds, self.loss, bursts_of(m))
         cost = float(chains @ mean_by_pair(before.range_weight, bounds))
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         for u in self._drifting():
@@ -239,7 +279,7 @@ class PoseGraph:
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
         """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
         whitened = self.residuals(states) / self.sigma
-        _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self._loss)
+        _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
         links = _links(self.problem.recording, self.measurements)
         return replace(
             em_weights,
@@ -320,14 +360,32 @@ class PoseGraph:
             if before - cost < gain or hopeless < cost < before < np.inf:
                 return LocalOptimum(graph, states, em_weights, cost)
             before = cost
-            factors = graph.factors(about, em_weights, annealing)
-            yield
-            values, ordering = graph.values(states), graph.ordering()
-            values = yield from optimizing(factors, values, ordering, steps_a_round, 0.25 * gain, self._pose_cache)
-            states = graph.states(values, states)
+            states = yield from graph._optimizing(states, about, em_weights, annealing, steps_a_round, 0.25 * gain)
             yield
         em_weights, cost = graph.e_step(states, em_weights)
         return LocalOptimum(graph, states, em_weights, cost)
+
+    def _optimizing(
+        self, states: States, about: Array, em_weights: EmWeights, annealing: float, iterations: int, gain: float
+    ) -> Cooperative[States]:
+        """The states after at most so many Gauss-Newton steps, until one gains less than `gain`."""
+        if self.marginal_prior is None:
+            walks = self.walks
+            places, calibration = walks.solver.optimize(
+                walks.places(states),
+                states.calibration[walks.users],
+                self.walk_noise(about, em_weights),
+                self.loss,
+                annealing,
+                iterations,
+                gain,
+            )
+            return walks.states(places, calibration, states)
+        factors = self.factors(about, em_weights, annealing)
+        yield
+        values, ordering = self.values(states), self.ordering()
+        values = yield from optimizing(factors, values, ordering, iterations, gain, self._pose_cache)
+        return self.states(values, states)
 
     def factors(
         self, about: Array, em_weights: EmWeights, annealing: float = 1.0, height_curvature: Array | None = None
@@ -361,7 +419,7 @@ class PoseGraph:
             keys_j = self.keys(int(s.j[first]), int(j.keyframe[first]))
             curvature = None if height_curvature is None else float(height_curvature[k].sum())
             graph.add(
-                CalibratedRangeBlockFactor(keys_i, keys_j, block, self._loss, annealing, self._pose_cache, curvature)
+                CalibratedRangeBlockFactor(keys_i, keys_j, block, self.loss, annealing, self._pose_cache, curvature)
             )
 
     def linearizing(
@@ -379,9 +437,7 @@ class PoseGraph:
 
     def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, em_weights: EmWeights) -> None:
         m, noise = self.parameters, gtsam.noiseModel
-        # All users may turn about the reference together: their k priors on that turn must weigh as much as one.
-        yaw_sigma = m.priors.yaw_sigma * np.sqrt(max(len(self.free), 1))
-        wide = noise.Diagonal.Sigmas(np.array([m.priors.place_sigma, m.priors.place_sigma, yaw_sigma]))
+        wide = noise.Diagonal.Sigmas(np.array([m.priors.place_sigma, m.priors.place_sigma, self._yaw_sigma]))
         if self.marginal_prior is not None:
             graph.add(self.marginal_prior.factor(self._clock))
         for u in self.free:

@@ -70,7 +70,9 @@ def connected(measurements: RangeMeasurements, users: int, reference: int) -> li
     """The users connected to the reference by a chain of ranges, itself included, sorted."""
     reached = np.zeros(users, dtype=bool)
     reached[reference] = True
-    links = np.unique(np.stack([measurements.i, measurements.j]), axis=1)
+    ranging = np.zeros((users, users), dtype=bool)
+    ranging[measurements.i, measurements.j] = True
+    links = np.stack(np.nonzero(ranging))
     while True:
         touched = reached[links].any(axis=0)
         grown = reached.copy()

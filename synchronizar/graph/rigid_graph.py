@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -19,6 +20,7 @@ from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
 from synchronizar.graph.states import States
+from synchronizar.graph.walks import Walks
 from synchronizar.preprocessing.centering import centered
 from synchronizar.preprocessing.keyframes import standing_at
 from synchronizar.preprocessing.range_measurements import Pair, RangeMeasurements, pairs
@@ -54,11 +56,21 @@ class RigidGraph(PoseGraph):
         """The measurements have them; clocks are right."""
         self._clock = np.zeros_like(clock_offset)
 
-    def residuals(self, states: States) -> Array:
-        """(n,) m, predicted minus measured."""
-        poses = _poses(states.anchor_poses)
-        off = [block.residuals(poses[pair.i], poses[pair.j]) for pair, block in self._blocks]
-        return np.concatenate([np.zeros(0), *off])
+    @cached_property
+    def walks(self) -> Walks:
+        """Every user stands at its anchor, and its antennas where its walk led them."""
+        s, users = self._about_anchors, self.active_users
+        here, zeros = np.zeros(len(s), dtype=np.int32), np.zeros((len(s), 3))
+        return Walks.of(
+            users,
+            self.reference,
+            [np.zeros((1, 3))] * len(users),
+            [np.zeros(1)] * len(users),
+            False,
+            (s.i, s.j, s.distance, s.sigma),
+            (here, here),
+            ((zeros, s.p_i, zeros), (zeros, s.p_j, zeros)),
+        )
 
     def to_rigid_ranges(self, states: States) -> RangeMeasurements:  # noqa: ARG002 - the face of PoseGraph
         """The measurements about the anchors: there is no drift, scale, clock or bias."""
@@ -80,7 +92,7 @@ class RigidGraph(PoseGraph):
     def cost(self, frames: Array) -> float:
         """The sum of the losses of all ranges, each by itself, and of the heights' prior, at frames (k, 4)."""
         poses = _poses(frames)
-        ranges = sum(block.cost(poses[pair.i], poses[pair.j], self._loss) for pair, block in self._blocks)
+        ranges = sum(block.cost(poses[pair.i], poses[pair.j], self.loss) for pair, block in self._blocks)
         return ranges + self._height_cost(frames)
 
     def other_heights(self, frames: Array, excluded: float) -> list[Array]:
@@ -93,7 +105,7 @@ class RigidGraph(PoseGraph):
             self._height_sigma,
             np.isin(np.arange(len(frames)), self.free),
             [(pair.i, pair.j, block) for pair, block in self._blocks],
-            self._loss,
+            self.loss,
             excluded,
             self.parameters.search.most_hypotheses,
         )
@@ -110,7 +122,7 @@ class RigidGraph(PoseGraph):
         height_curvature: Array | None,  # noqa: ARG002 - that of a pair is its one block's own
     ) -> None:
         for pair, block in self._blocks_with(em_weights.nlos_odds):
-            graph.add(RangeBlockFactor(self._end(pair.i), self._end(pair.j), block, self._loss, annealing))
+            graph.add(RangeBlockFactor(self._end(pair.i), self._end(pair.j), block, self.loss, annealing))
 
     def _end(self, user: int) -> UserKeys | FixedUser:
         """What a factor is told of a user: its keys, or that it is the reference, which is held."""

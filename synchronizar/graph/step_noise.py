@@ -9,20 +9,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 
-from synchronizar.arrays import Array, Indices
-from synchronizar.graph import keys
+from synchronizar.arrays import Array, Mask
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import States, steps
+from synchronizar.graph.walks import Walks
 
 PLACE, HEADING = range(2)
 """Columns of the noise."""
 
-_OF_ROW = [PLACE, PLACE, HEADING]
 _ROUNDS = 10
-_MOST_KEYFRAMES = 400  # in the dense matrix: of a longer walk only the middle is used
+_MOST_KEYFRAMES = 400  # of a longer walk only the middle is used
 
 
 def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array:
@@ -30,62 +28,25 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array
 
     1 where ranges carry no information on it: the prior counts as `drift_weight` steps with factor 1.
     """
-    users = len(graph.users)
+    out = np.ones((len(graph.users), 2))
     if not len(graph.measurements):
-        return np.ones((users, 2))
-    middle = _middle(list(graph.keyframe_keys(set())))
-    ordinary = [_ordinary(graph, states, u) for u in range(users)]
-    weights = [np.where(o, 1.0, w) for o, w in zip(ordinary, em_weights.step_weight, strict=True)]
-    counted, whose = gtsam.NonlinearFactorGraph(), []
-    for u in graph.active_users:
-        of_user = gtsam.NonlinearFactorGraph()
-        graph.add_steps(of_user, u, weights[u])
-        # Each step is two factors: in the plane, and in height.
-        for n in np.flatnonzero(ordinary[u]).tolist():
-            if all(key in middle for key in of_user.at(2 * n).keys()):  # noqa: SIM118 - gtsam's, no mapping
-                counted.push_back(of_user.at(2 * n))
-                whose.append(u)
-    if not whose:
-        return np.ones((users, 2))
-
-    columns, values = [*middle, *graph.shared_keys()], graph.values(states)
-    rows, wanted = _dense(counted.linearize(values), columns)
-    linear = graph.factors(states.anchor_poses, replace(em_weights, step_weight=weights)).linearize(values)
-    others = keys.ordering(list(graph.keyframe_keys(set(columns))))
-    if others.size():
-        _, linear = linear.eliminatePartialSequential(others)
-    information, slope = linear.hessian(keys.ordering(columns))
-    return most_likely_noise(
-        information - rows.T @ rows,
-        slope - rows.T @ wanted,
-        rows.reshape(len(whose), 3, -1),
-        wanted.reshape(len(whose), 3),
-        np.array(whose, dtype=np.int32),
-        users,
+        return out
+    walks, weights, counted = graph.walks, list(em_weights.step_weight), []
+    for u in walks.users:
+        ordinary = _ordinary(graph, states, u)
+        weights[u] = np.where(ordinary, 1.0, weights[u])
+        counted += [False, *ordinary.tolist()]
+    out[walks.users] = walks.solver.step_noise(
+        walks.places(states),
+        states.calibration[walks.users],
+        graph.walk_noise(states.anchor_poses, replace(em_weights, step_weight=weights)),
+        graph.loss,
+        _middle(graph, walks),
+        np.array(counted),
         graph.parameters.slam.drift_weight,
+        _ROUNDS,
     )
-
-
-def most_likely_noise(
-    information: Array, slope: Array, rows: Array, wanted: Array, whose: Indices, users: int, weight: float
-) -> Array:
-    """(k, 2): the most likely factor on each user's step sigmas in position and heading.
-
-    All factors but the steps cost 0.5 d' information d - slope' d in the variables d; step n has the whitened residual
-    rows[n] d - wanted[n] (3,) in x, y and heading. The prior counts as `weight` steps whose factor is 1.
-    """
-    noise = np.ones((users, 2))
-    count = np.bincount(whose, minlength=users)
-    flat = rows.reshape(-1, rows.shape[-1])
-    for _ in range(_ROUNDS):
-        precision = noise[whose][:, _OF_ROW].ravel() ** -2
-        covariance = np.linalg.inv(information + flat.T @ (flat * precision[:, None]))
-        step = covariance @ (slope + flat.T @ (precision * wanted.ravel()))
-        square = (flat @ step - wanted.ravel()) ** 2 + ((flat @ covariance) * flat).sum(axis=1)
-        x, y, heading = (np.bincount(whose, s, users) for s in square.reshape(-1, 3).T)
-        noise[:, PLACE] = np.sqrt((2.0 * weight + x + y) / (2.0 * (weight + count)))
-        noise[:, HEADING] = np.sqrt((weight + heading) / (weight + count))
-    return noise
+    return out
 
 
 def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:
@@ -95,22 +56,13 @@ def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:
     return np.asarray(~frames.rebuilt & (squared_error < graph.parameters.slam.slip_sigmas**2))
 
 
-def _middle(of_keyframes: list[int]) -> dict[int, None]:
-    """Keys of the middle `_MOST_KEYFRAMES` keyframes; `of_keyframes` has two a keyframe, by time."""
-    excess = max(len(of_keyframes) // 2 - _MOST_KEYFRAMES, 0)
-    first = 2 * (excess // 2)
-    return dict.fromkeys(of_keyframes[first : first + 2 * _MOST_KEYFRAMES])
-
-
-def _dense(linear: gtsam.GaussianFactorGraph, columns: list[int]) -> tuple[Array, Array]:
-    """The Jacobian by all `columns`, and the right-hand side; gtsam leaves out keys that no factor has."""
-    present = linear.keys()
-    known = [key for key in columns if present.count(key)]
-    jacobian, wanted = linear.jacobian(keys.ordering(known))
-    spans = keys.rows(columns)
-    at = np.concatenate(
-        [np.arange(s.start, s.stop) for key, s in zip(columns, spans, strict=True) if key in set(known)]
-    )
-    out = np.zeros((len(jacobian), spans[-1].stop))
-    out[:, at] = jacobian
-    return out, np.asarray(wanted)
+def _middle(graph: PoseGraph, walks: Walks) -> Mask:
+    """(m,) the middle `_MOST_KEYFRAMES` keyframes by time, and the only one of whoever has one."""
+    t = np.concatenate([graph.keyframes[u].t for u in walks.users])
+    alone = np.repeat(np.diff(walks.first) == 1, np.diff(walks.first))
+    by_time = np.sort(t[~alone])
+    excess = max(len(by_time) - _MOST_KEYFRAMES, 0)
+    if not excess:
+        return np.ones(len(t), dtype=bool)
+    begin, end = by_time[excess // 2], by_time[excess // 2 + _MOST_KEYFRAMES - 1]
+    return np.asarray(alone | ((t >= begin) & (t <= end)))

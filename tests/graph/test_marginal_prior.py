@@ -334,7 +334,7 @@ def test_its_covariance_is_that_of_the_whole_graph() -> None:
     expected = J @ covariance @ J.T
     deviation = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
-        marginal_prior.covariance / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=1e-5
+        marginal_prior.covariance / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=2e-3
     )
 
 

@@ -1,0 +1,677 @@
+#include "factors/walk_solver.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace synchronizar {
+namespace {
+
+constexpr double kSufficient = 1e-4;  // of the gain that the linear model predicts (Armijo's condition)
+constexpr double kShorter = 0.4;      // factor on the step's length at each attempt
+constexpr double kShortest = 1e-3;    // of the full step
+
+constexpr double kFullTurn = 6.283185307179586;
+
+double wrapped(double angle) { return std::remainder(angle, kFullTurn); }
+
+}  // namespace
+
+// ---- the matrix ----
+
+BorderedEnvelope::BorderedEnvelope(std::vector<int> sizes, std::vector<int> first)
+    : sizes_(std::move(sizes)), first_(std::move(first)) {
+  for (int a = 0; a < groups(); ++a) {
+    begin_.push_back(blocks_.size());
+    for (int b = from(a); b <= a; ++b) blocks_.push_back(Eigen::MatrixXd::Zero(size(a), size(b)));
+  }
+}
+
+void BorderedEnvelope::damp(double factor) {
+  for (int a = 0; a < groups(); ++a) block(a, a).diagonal() *= factor;
+}
+
+bool BorderedEnvelope::factorize() {
+  for (int a = 0; a < groups(); ++a) {
+    for (int b = from(a); b < a; ++b) {
+      Eigen::MatrixXd& here = block(a, b);
+      for (int c = std::max(from(a), from(b)); c < b; ++c) {
+        here.noalias() -= block(a, c) * block(b, c).transpose();
+      }
+      block(b, b).triangularView<Eigen::Lower>().transpose().solveInPlace<Eigen::OnTheRight>(here);
+    }
+    Eigen::MatrixXd& own = block(a, a);
+    for (int c = from(a); c < a; ++c) own.selfadjointView<Eigen::Lower>().rankUpdate(block(a, c), -1.0);
+    if (Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>>(own).info() != Eigen::Success) return false;
+  }
+  return true;
+}
+
+void BorderedEnvelope::solve(Sides& sides) const {
+  const auto of = [&](int group) -> Eigen::MatrixXd& { return sides[static_cast<size_t>(group)]; };
+  for (int a = 0; a < groups(); ++a) {
+    for (int b = from(a); b < a; ++b) of(a).noalias() -= block(a, b) * of(b);
+    block(a, a).triangularView<Eigen::Lower>().solveInPlace(of(a));
+  }
+  for (int a = groups() - 1; a >= 0; --a) {
+    block(a, a).triangularView<Eigen::Lower>().transpose().solveInPlace(of(a));
+    for (int b = from(a); b < a; ++b) of(b).noalias() -= block(a, b).transpose() * of(a);
+  }
+}
+
+BorderedEnvelope BorderedEnvelope::inverse() const {
+  // Takahashi, Fagan and Chin (PICA 1973): from the last group to the first, each from those after it.
+  BorderedEnvelope out(sizes_, first_);
+  std::vector<std::vector<int>> after(sizes_.size());
+  for (int a = 0; a < groups(); ++a) {
+    for (int b = from(a); b < a; ++b) after[static_cast<size_t>(b)].push_back(a);
+  }
+  for (int g = groups() - 1; g >= 0; --g) {
+    const auto& others = after[static_cast<size_t>(g)];
+    const auto own = block(g, g).triangularView<Eigen::Lower>();
+    Sides by_own;
+    for (const int k : others) {
+      by_own.push_back(block(k, g));
+      own.solveInPlace<Eigen::OnTheRight>(by_own.back());
+    }
+    Eigen::MatrixXd root = Eigen::MatrixXd::Identity(size(g), size(g));
+    own.solveInPlace(root);
+    Eigen::MatrixXd& diagonal = out.block(g, g);
+    diagonal.noalias() = root.transpose() * root;
+    for (const int i : others) {
+      Eigen::MatrixXd& here = out.block(i, g);
+      for (size_t n = 0; n < others.size(); ++n) {
+        const int k = others[n];
+        if (i >= k) {
+          here.noalias() -= out.block(i, k) * by_own[n];
+        } else {
+          here.noalias() -= out.block(k, i).transpose() * by_own[n];
+        }
+      }
+    }
+    for (size_t n = 0; n < others.size(); ++n) {
+      diagonal.noalias() -= by_own[n].transpose() * out.block(others[n], g);
+    }
+  }
+  return out;
+}
+
+// ---- the variables ----
+
+WalkSolver::WalkSolver(Walks walks) : walks_(std::move(walks)) {
+  const Eigen::Index count = walks_.first[walks_.users];
+  user_.resize(count);
+  keyframe_at_.resize(static_cast<size_t>(count));
+  device_at_.resize(static_cast<size_t>(walks_.users));
+  std::vector<int> moving, standing;
+  for (int u = 0; u < walks_.users; ++u) {
+    const int begin = walks_.first[u], end = walks_.first[u + 1];
+    user_.segment(begin, end - begin).setConstant(u);
+    for (int n = begin + (u == walks_.reference ? 1 : 0); n < end; ++n) {
+      (end - begin > 1 ? moving : standing).push_back(n);
+    }
+  }
+  // Groups by time: a new one where a user would be in one twice.
+  std::stable_sort(moving.begin(), moving.end(), [&](int a, int b) { return walks_.t[a] < walks_.t[b]; });
+  std::vector<int> last_group(static_cast<size_t>(walks_.users), -1);
+  for (const int n : moving) {
+    int& last = last_group[static_cast<size_t>(user_[n])];
+    if (sizes_.empty() || last == static_cast<int>(sizes_.size()) - 1) sizes_.push_back(0);
+    last = static_cast<int>(sizes_.size()) - 1;
+    keyframe_at_[static_cast<size_t>(n)] = {last, sizes_.back()};
+    sizes_.back() += 4;
+  }
+  const int border = static_cast<int>(sizes_.size());
+  sizes_.push_back(0);
+  const auto in_border = [&](int size) {
+    sizes_.back() += size;
+    return Where{border, sizes_.back() - size};
+  };
+  for (const int n : standing) keyframe_at_[static_cast<size_t>(n)] = in_border(4);
+  if (walks_.calibrated) {
+    for (Where& at : device_at_) at = in_border(3);
+    shared_at_ = in_border(3);
+  }
+  mean_height_at_ = in_border(1);
+
+  connected_from_.resize(sizes_.size());
+  std::iota(connected_from_.begin(), connected_from_.end(), 0);
+  connected_from_.back() = 0;
+  const auto connect = [&](int a, int b) {
+    const Where &at = keyframe_at_[static_cast<size_t>(a)], &other = keyframe_at_[static_cast<size_t>(b)];
+    if (at.group < 0 || other.group < 0 || at.group == border || other.group == border) return;
+    int& from = connected_from_[static_cast<size_t>(std::max(at.group, other.group))];
+    from = std::min({from, at.group, other.group});
+  };
+  for (Eigen::Index n = 0; n < walks_.measured.size(); ++n)
+    connect(walks_.keyframe_i[n], walks_.keyframe_j[n]);
+  for (int n = 1; n < count; ++n) {
+    if (user_[n] == user_[n - 1]) connect(n, n - 1);
+  }
+}
+
+template <class Block>
+void WalkSolver::System::add(const Where& a, const Where& b, const Block& values) {
+  if (a.group < 0 || b.group < 0) return;
+  constexpr int kRows = Block::RowsAtCompileTime, kColumns = Block::ColsAtCompileTime;
+  if (a.group > b.group || (a.group == b.group && a.offset >= b.offset)) {
+    matrix.block(a.group, b.group).block<kRows, kColumns>(a.offset, b.offset) += values;
+  } else {
+    matrix.block(b.group, a.group).block<kColumns, kRows>(b.offset, a.offset) += values.transpose();
+  }
+}
+
+template <class Block>
+void WalkSolver::System::add_gradient(const Where& at, const Block& values) {
+  if (at.group < 0) return;
+  gradient[static_cast<size_t>(at.group)].block<Block::RowsAtCompileTime, 1>(at.offset, 0) += values;
+}
+
+WalkSolver::System WalkSolver::zero() const {
+  System out{BorderedEnvelope(sizes_, connected_from_), {}};
+  for (const int size : sizes_) out.gradient.push_back(Eigen::MatrixXd::Zero(size, 1));
+  return out;
+}
+
+double WalkSolver::height_by_scale(int keyframe, const WalkStates& states) const {
+  if (!walks_.calibrated || keyframe_at_[static_cast<size_t>(keyframe)].group >= 0) return 0.0;
+  return std::exp(states.calibration(user_[keyframe], 0)) * walks_.slam(keyframe, 2);
+}
+
+double WalkSolver::height_of_origin(int user, const WalkStates& states) const {
+  const int begin = walks_.first[user];
+  return states.places(begin, 2) - std::exp(states.calibration(user, 0)) * walks_.slam(begin, 2);
+}
+
+WalkStates WalkSolver::moved(const WalkStates& states, const BorderedEnvelope::Sides& step,
+                             double length) const {
+  WalkStates out = states;
+  for (Eigen::Index n = 0; n < out.places.rows(); ++n) {
+    const Where& at = keyframe_at_[static_cast<size_t>(n)];
+    if (at.group < 0) continue;
+    out.places.row(n) += length * step[static_cast<size_t>(at.group)].block<4, 1>(at.offset, 0).transpose();
+    out.places(n, 3) = wrapped(out.places(n, 3));
+  }
+  if (walks_.calibrated) {
+    for (Eigen::Index u = 0; u < walks_.users; ++u) {
+      const Where& at = device_at_[static_cast<size_t>(u)];
+      out.calibration.row(u) +=
+          length * step[static_cast<size_t>(at.group)].block<3, 1>(at.offset, 0).transpose();
+    }
+    const int first = walks_.first[walks_.reference];
+    out.places(first, 2) = std::exp(out.calibration(walks_.reference, 0)) * walks_.slam(first, 2);
+  }
+  return out;
+}
+
+// ---- ranges ----
+
+std::vector<DeviceAtKeyframe> WalkSolver::devices(const WalkStates& states,
+                                                  const Column& assumed_clock) const {
+  std::vector<DeviceAtKeyframe> out;
+  out.reserve(static_cast<size_t>(states.places.rows()));
+  for (Eigen::Index n = 0; n < states.places.rows(); ++n) {
+    const auto p = states.places.row(n);
+    const auto c = states.calibration.row(user_[n]);
+    out.emplace_back(UserPose{p[0], p[1], p[3], p[2]},
+                     Calibration{c[0], c[1], c[2] - assumed_clock[user_[n]]});
+  }
+  return out;
+}
+
+Column WalkSolver::residuals(const WalkStates& states, const Column& assumed_clock) const {
+  const auto at = devices(states, assumed_clock);
+  Column out(walks_.measured.size());
+  for (Eigen::Index n = 0; n < out.size(); ++n) {
+    const DeviceAtKeyframe& i = at[static_cast<size_t>(walks_.keyframe_i[n])];
+    const DeviceAtKeyframe& j = at[static_cast<size_t>(walks_.keyframe_j[n])];
+    const Vector3 between = i.place() + i.arm(walks_.i.at(n)) - j.place() - j.arm(walks_.j.at(n));
+    out[n] = between.norm() + i.range_bias() + j.range_bias() - walks_.measured[n];
+  }
+  return out;
+}
+
+template <int kColumns>
+void WalkSolver::add_ranges(System& system, const WalkStates& states, const WalkNoise& noise,
+                            const Loss& loss, const Column* height_curvature) const {
+  const auto at = devices(states, noise.assumed_clock);
+  const Eigen::Index n = walks_.measured.size();
+  SquaresOf<kColumns> squares;
+  std::visit(
+      [&](const auto& kind) {
+        for (Eigen::Index begin = 0, end = 0; begin < n; begin = end) {
+          // A run of ranges between the same two keyframes.
+          const int key_i = walks_.keyframe_i[begin], key_j = walks_.keyframe_j[begin];
+          const DeviceAtKeyframe &i = at[static_cast<size_t>(key_i)], &j = at[static_cast<size_t>(key_j)];
+          squares.setZero();
+          double height_information = 0.0, replaced = 0.0;
+          for (; end < n && walks_.keyframe_i[end] == key_i && walks_.keyframe_j[end] == key_j; ++end) {
+            height_information += add_range<kColumns>(
+                squares, kind, loss.annealing, i, j, walks_.i.at(end), walks_.j.at(end), walks_.measured[end],
+                {walks_.sigma[end], noise.nlos_odds[end]}, noise.range_weight[end]);
+            if (height_curvature != nullptr) replaced += (*height_curvature)[end];
+          }
+          if (height_curvature != nullptr) height_information = replaced;
+          if (height_information > 0.0) {
+            squares(2, 2) += height_information;
+            squares(kColumns + 2, kColumns + 2) += height_information;
+            squares(2, kColumns + 2) -= height_information;
+            squares(kColumns + 2, 2) -= height_information;
+          }
+          const std::pair<const Where&, int> places[] = {
+              {keyframe_at_[static_cast<size_t>(key_i)], 0},
+              {keyframe_at_[static_cast<size_t>(key_j)], kColumns}};
+          if constexpr (kColumns == kOwnColumns) {
+            // A keyframe that is fixed moves in height by its device's scale.
+            for (const auto& [first, key] : {std::pair(0, key_i), std::pair(kColumns, key_j)}) {
+              const double by_scale = height_by_scale(key, states);
+              if (by_scale == 0.0) continue;
+              squares.col(first + 4) += by_scale * squares.col(first + 2);
+              squares.row(first + 4) += by_scale * squares.row(first + 2);
+            }
+            const std::pair<const Where&, int> of_devices[] = {
+                {device_at_[static_cast<size_t>(user_[key_i])], 4},
+                {device_at_[static_cast<size_t>(user_[key_j])], kColumns + 4}};
+            for (const auto& [a, row] : of_devices) {
+              system.add(a, a, squares.template block<3, 3>(row, row));
+              system.add_gradient(a, squares.template block<3, 1>(row, 2 * kColumns));
+              for (const auto& [b, column] : places) {
+                system.add(a, b, squares.template block<3, 4>(row, column));
+              }
+            }
+            system.add(of_devices[0].first, of_devices[1].first,
+                       squares.template block<3, 3>(4, kColumns + 4));
+          }
+          for (const auto& [a, row] : places) {
+            system.add(a, a, squares.template block<4, 4>(row, row));
+            system.add_gradient(a, squares.template block<4, 1>(row, 2 * kColumns));
+          }
+          system.add(places[0].first, places[1].first, squares.template block<4, 4>(0, kColumns));
+        }
+      },
+      loss.kind);
+}
+
+// ---- SLAM's steps ----
+
+struct WalkSolver::Step {
+  Eigen::Vector4d residual;           // whitened: x, y, z, yaw
+  Eigen::Matrix4d by_here, by_there;  // the keyframe of the step's begin, and that of its end
+  Eigen::Vector4d by_scale;
+  int here, there;
+};
+
+WalkSolver::Step WalkSolver::step_to(int keyframe, const WalkStates& states, const Vector3& sigma) const {
+  const int here = keyframe - 1;
+  const auto p = states.places.row(here), q = states.places.row(keyframe);
+  const double s = std::exp(states.calibration(user_[keyframe], 0));
+  const double c = std::cos(p[3]) / s, n = std::sin(p[3]) / s, dx = q[0] - p[0], dy = q[1] - p[1];
+  const double x = c * dx + n * dy, y = -n * dx + c * dy, z = (q[2] - p[2]) / s;
+  const Vector3 slam = walks_.slam.row(keyframe) - walks_.slam.row(here);
+  Step out;
+  out.here = here;
+  out.there = keyframe;
+  out.residual << x - slam[0], y - slam[1], z - slam[2], wrapped(q[3] - p[3]);
+  out.by_there << c, n, 0.0, 0.0,  //
+      -n, c, 0.0, 0.0,             //
+      0.0, 0.0, 1.0 / s, 0.0,      //
+      0.0, 0.0, 0.0, 1.0;
+  out.by_here = -out.by_there;
+  out.by_here(0, 3) = y;
+  out.by_here(1, 3) = -x;
+  out.by_scale << -x, -y, -z, 0.0;
+  out.by_scale += height_by_scale(here, states) * out.by_here.col(2);
+  const Eigen::Vector4d root(1.0 / sigma[0], 1.0 / sigma[0], 1.0 / sigma[1], 1.0 / sigma[2]);
+  out.residual = root.cwiseProduct(out.residual);
+  out.by_here = root.asDiagonal() * out.by_here;
+  out.by_there = root.asDiagonal() * out.by_there;
+  out.by_scale = root.cwiseProduct(out.by_scale);
+  return out;
+}
+
+void WalkSolver::add(System& system, const Step& step) const {
+  const Where& here = keyframe_at_[static_cast<size_t>(step.here)];
+  const Where& there = keyframe_at_[static_cast<size_t>(step.there)];
+  system.add(here, here, (step.by_here.transpose() * step.by_here).eval());
+  system.add(there, there, (step.by_there.transpose() * step.by_there).eval());
+  system.add(there, here, (step.by_there.transpose() * step.by_here).eval());
+  system.add_gradient(here, (step.by_here.transpose() * step.residual).eval());
+  system.add_gradient(there, (step.by_there.transpose() * step.residual).eval());
+  const Where& scale = device_at_[static_cast<size_t>(user_[step.there])];
+  const Eigen::RowVector4d by_scale = step.by_scale.transpose();
+  system.add(scale, here, (by_scale * step.by_here).eval());
+  system.add(scale, there, (by_scale * step.by_there).eval());
+  system.add(scale, scale, (by_scale * step.by_scale).eval());
+  system.add_gradient(scale, (by_scale * step.residual).eval());
+}
+
+// ---- priors ----
+
+Vector3 WalkSolver::shared_calibration(const WalkStates& states, const WalkNoise& noise) const {
+  Vector3 weight = noise.shared_sigma.cwiseAbs2().cwiseInverse(), sum = Vector3::Zero();
+  for (Eigen::Index u = 0; u < walks_.users; ++u) {
+    const Vector3 own = noise.device_sigma.row(u).cwiseAbs2().cwiseInverse();
+    weight += own;
+    sum += own.cwiseProduct(Vector3(states.calibration.row(u)));
+  }
+  return sum.cwiseQuotient(weight);
+}
+
+double WalkSolver::mean_height(const WalkStates& states, const WalkNoise& noise) const {
+  double weight = 0.0, sum = 0.0;
+  for (int u = 0; u < walks_.users; ++u) {
+    const double own = std::pow(noise.height_sigma[u], -2);
+    weight += own;
+    if (u != walks_.reference) sum += own * height_of_origin(u, states);
+  }
+  return sum / weight;
+}
+
+double WalkSolver::prior_cost(const WalkStates& states, const WalkNoise& noise) const {
+  const double mean = mean_height(states, noise);
+  const Vector3 shared = shared_calibration(states, noise);
+  double sum = walks_.calibrated ? shared.cwiseQuotient(noise.shared_sigma).squaredNorm() : 0.0;
+  for (int u = 0; u < walks_.users; ++u) {
+    if (walks_.calibrated) {
+      const Vector3 off = Vector3(states.calibration.row(u)) - shared;
+      sum += off.cwiseQuotient(Vector3(noise.device_sigma.row(u))).squaredNorm();
+    }
+    const double height = u == walks_.reference ? 0.0 : height_of_origin(u, states);
+    sum += std::pow((height - mean) / noise.height_sigma[u], 2);
+    if (u == walks_.reference) continue;
+    const auto off = states.places.row(walks_.first[u]) - noise.about.row(u);
+    sum += (off[0] * off[0] + off[1] * off[1]) / (noise.place_sigma * noise.place_sigma);
+    sum += std::pow(wrapped(off[3]) / noise.yaw_sigma, 2);
+  }
+  return 0.5 * sum;
+}
+
+void WalkSolver::add_priors(System& system, const WalkStates& states, const WalkNoise& noise) const {
+  using One = Eigen::Matrix<double, 1, 1>;
+  const double mean = mean_height(states, noise);
+  const Vector3 shared = shared_calibration(states, noise);
+  if (walks_.calibrated) {
+    const Vector3 weight = noise.shared_sigma.cwiseAbs2().cwiseInverse();
+    system.add(shared_at_, shared_at_, Eigen::Matrix3d(weight.asDiagonal()));
+    system.add_gradient(shared_at_, Vector3(weight.cwiseProduct(shared)));
+  }
+  for (int u = 0; u < walks_.users; ++u) {
+    const Where& device = device_at_[static_cast<size_t>(u)];
+    if (walks_.calibrated) {
+      const Vector3 weight = noise.device_sigma.row(u).cwiseAbs2().cwiseInverse();
+      const Vector3 slope = weight.cwiseProduct(Vector3(states.calibration.row(u)) - shared);
+      system.add(device, device, Eigen::Matrix3d(weight.asDiagonal()));
+      system.add(shared_at_, shared_at_, Eigen::Matrix3d(weight.asDiagonal()));
+      system.add(shared_at_, device, Eigen::Matrix3d(-Eigen::Matrix3d(weight.asDiagonal())));
+      system.add_gradient(device, slope);
+      system.add_gradient(shared_at_, Vector3(-slope));
+    }
+    // Height of the origin: that of the first keyframe without scale times SLAM's.
+    const double weight = std::pow(noise.height_sigma[u], -2);
+    const bool fixed = u == walks_.reference;
+    const double slope = weight * ((fixed ? 0.0 : height_of_origin(u, states)) - mean);
+    system.add(mean_height_at_, mean_height_at_, One(weight));
+    system.add_gradient(mean_height_at_, One(-slope));
+    if (fixed) continue;
+    const int first = walks_.first[u];
+    const auto off = states.places.row(first) - noise.about.row(u);
+    const double in_plane = std::pow(noise.place_sigma, -2), in_yaw = std::pow(noise.yaw_sigma, -2);
+    const Where& at = keyframe_at_[static_cast<size_t>(first)];
+    system.add(at, at, Eigen::Matrix4d(Eigen::Vector4d(in_plane, in_plane, weight, in_yaw).asDiagonal()));
+    system.add_gradient(
+        at, Eigen::Vector4d(in_plane * off[0], in_plane * off[1], slope, in_yaw * wrapped(off[3])));
+    system.add(mean_height_at_, at, Eigen::RowVector4d(0.0, 0.0, -weight, 0.0));
+    if (!walks_.calibrated) continue;
+    const double by_scale = -std::exp(states.calibration(u, 0)) * walks_.slam(first, 2);
+    system.add(device, device, One(weight * by_scale * by_scale));
+    system.add_gradient(device, One(slope * by_scale));
+    system.add(device, at, Eigen::RowVector4d(0.0, 0.0, weight * by_scale, 0.0));
+    system.add(mean_height_at_, device, One(-weight * by_scale));
+  }
+}
+
+// ---- the whole ----
+
+double WalkSolver::cost(const WalkStates& states, const WalkNoise& noise, const Loss& loss) const {
+  const Column e = residuals(states, noise.assumed_clock).cwiseQuotient(walks_.sigma);
+  double sum = 0.0;
+  std::visit(
+      [&](const auto& kind) {
+        for (Eigen::Index n = 0; n < e.size(); ++n) {
+          const RangeTraits traits{walks_.sigma[n], noise.nlos_odds[n]};
+          sum += noise.range_weight[n] * annealed(kind, loss.annealing, e[n], traits).rho;
+        }
+      },
+      loss.kind);
+  for (int n = 1; n < states.places.rows(); ++n) {
+    if (user_[n] == user_[n - 1])
+      sum += 0.5 * step_to(n, states, noise.step_sigma.row(n)).residual.squaredNorm();
+  }
+  return sum + prior_cost(states, noise);
+}
+
+WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                          const Column* height_curvature,
+                                          const Marks* without_steps_to) const {
+  System out = zero();
+  if (walks_.calibrated) {
+    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature);
+  } else {
+    add_ranges<4>(out, states, noise, loss, height_curvature);
+  }
+  add_priors(out, states, noise);
+  for (int n = 1; n < states.places.rows(); ++n) {
+    const bool is_step = user_[n] == user_[n - 1];
+    if (is_step && (without_steps_to == nullptr || !(*without_steps_to)[n])) {
+      add(out, step_to(n, states, noise.step_sigma.row(n)));
+    }
+  }
+  return out;
+}
+
+WalkStates WalkSolver::gradient(const WalkStates& states, const WalkNoise& noise, const Loss& loss) const {
+  const System system = linearized(states, noise, loss, nullptr, nullptr);
+  WalkStates out{WalkPlaces::Zero(states.places.rows(), 4), ThreeColumns::Zero(walks_.users, 3)};
+  for (Eigen::Index n = 0; n < states.places.rows(); ++n) {
+    const Where& at = keyframe_at_[static_cast<size_t>(n)];
+    if (at.group < 0) continue;
+    out.places.row(n) = system.gradient[static_cast<size_t>(at.group)].block<4, 1>(at.offset, 0).transpose();
+  }
+  if (walks_.calibrated) {
+    for (Eigen::Index u = 0; u < walks_.users; ++u) {
+      const Where& at = device_at_[static_cast<size_t>(u)];
+      out.calibration.row(u) =
+          system.gradient[static_cast<size_t>(at.group)].block<3, 1>(at.offset, 0).transpose();
+    }
+  }
+  return out;
+}
+
+WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const Loss& loss, int steps,
+                                double gain) const {
+  double here = cost(states, noise, loss);
+  for (int n = 0; n < steps; ++n) {
+    System system = linearized(states, noise, loss, nullptr, nullptr);
+    // Where rounding makes it indefinite the step is damped.
+    for (double damping = 1e-10; !system.matrix.factorize(); damping *= 1e3) {
+      if (damping > 1.0) return states;
+      system = linearized(states, noise, loss, nullptr, nullptr);
+      system.matrix.damp(1.0 + damping);
+    }
+    BorderedEnvelope::Sides step = system.gradient;
+    system.matrix.solve(step);
+    double predicted = 0.0;
+    for (size_t g = 0; g < step.size(); ++g)
+      predicted += 0.5 * step[g].cwiseProduct(system.gradient[g]).sum();
+    if (!(predicted >= gain)) break;
+    double length = 1.0;
+    while (true) {
+      WalkStates candidate = moved(states, step, -length);
+      const double there = cost(candidate, noise, loss);
+      if (here - there > kSufficient * length * predicted) {
+        const double gained = here - there;
+        states = std::move(candidate);
+        here = there;
+        if (gained < gain) return states;
+        break;
+      }
+      length *= kShorter;
+      if (length < kShortest) return states;
+    }
+  }
+  return states;
+}
+
+Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                       const Column& height_curvature, const Numbers& keyframes) const {
+  System system = linearized(states, noise, loss, &height_curvature, nullptr);
+  std::vector<std::pair<Where, int>> wanted;  // and how many numbers each has
+  for (const int n : keyframes) wanted.emplace_back(keyframe_at_[static_cast<size_t>(n)], 4);
+  if (walks_.calibrated) {
+    for (const Where& at : device_at_) wanted.emplace_back(at, 3);
+  }
+  int count = 0;
+  for (const auto& [_, size] : wanted) count += size;
+  BorderedEnvelope::Sides sides;
+  for (const int size : sizes_) sides.push_back(Eigen::MatrixXd::Zero(size, count));
+  int column = 0;
+  for (const auto& [at, size] : wanted) {
+    if (at.group >= 0) {
+      sides[static_cast<size_t>(at.group)].block(at.offset, column, size, size).setIdentity();
+    }
+    column += size;
+  }
+  // Where it is singular to rounding, what is not known gets a large covariance all the same.
+  for (double damping = 1e-12; !system.matrix.factorize() && damping < 1.0; damping *= 1e2) {
+    system = linearized(states, noise, loss, &height_curvature, nullptr);
+    system.matrix.damp(1.0 + damping);
+  }
+  system.matrix.solve(sides);
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(count, count);
+  int row = 0;
+  for (const auto& [at, size] : wanted) {
+    if (at.group >= 0)
+      out.middleRows(row, size) = sides[static_cast<size_t>(at.group)].middleRows(at.offset, size);
+    row += size;
+  }
+  return 0.5 * (out + out.transpose());
+}
+
+Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                       const Marks& kept, const Marks& counted, double weight,
+                                       int rounds) const {
+  // Rows that stay: of keyframes, of users who have any, and of ranges between them.
+  std::vector<int> keyframes, users, ranges;
+  Numbers new_keyframe = Numbers::Constant(kept.size(), -1);
+  Walks part{0, 0, walks_.calibrated, {}, {}, {}, {}, {}, {}, {}, {}, {}};
+  std::vector<int> first;
+  for (int u = 0; u < walks_.users; ++u) {
+    const auto begin = static_cast<int>(keyframes.size());
+    for (int n = walks_.first[u]; n < walks_.first[u + 1]; ++n) {
+      if (!kept[n]) continue;
+      new_keyframe[n] = static_cast<int>(keyframes.size());
+      keyframes.push_back(n);
+    }
+    if (static_cast<int>(keyframes.size()) == begin) continue;
+    if (u == walks_.reference) part.reference = static_cast<int>(users.size());
+    users.push_back(u);
+    first.push_back(begin);
+  }
+  Eigen::MatrixXd out = Eigen::MatrixXd::Ones(walks_.users, 2);
+  if (users.empty()) return out;
+  first.push_back(static_cast<int>(keyframes.size()));
+  for (int n = 0; n < walks_.measured.size(); ++n) {
+    if (kept[walks_.keyframe_i[n]] && kept[walks_.keyframe_j[n]]) ranges.push_back(n);
+  }
+  const auto all = Eigen::all;
+  const auto antennas = [&](const Antennas& a) {
+    return Antennas{a.offset(ranges, all), a.lever(ranges, all), a.velocity(ranges, all)};
+  };
+  part.users = static_cast<int>(users.size());
+  part.first = Eigen::Map<const Numbers>(first.data(), static_cast<Eigen::Index>(first.size()));
+  part.t = walks_.t(keyframes);
+  part.slam = walks_.slam(keyframes, all);
+  part.keyframe_i = new_keyframe(Numbers(walks_.keyframe_i(ranges)));
+  part.keyframe_j = new_keyframe(Numbers(walks_.keyframe_j(ranges)));
+  part.i = antennas(walks_.i);
+  part.j = antennas(walks_.j);
+  part.measured = walks_.measured(ranges);
+  part.sigma = walks_.sigma(ranges);
+  const WalkStates here{states.places(keyframes, all), states.calibration(users, all)};
+  WalkNoise its = noise;
+  its.nlos_odds = noise.nlos_odds(ranges);
+  its.range_weight = noise.range_weight(ranges);
+  its.step_sigma = noise.step_sigma(keyframes, all);
+  its.about.resize(part.users, 4);
+  for (int u = 0; u < part.users; ++u) its.about.row(u) = here.places.row(part.first[u]);
+  its.height_sigma = noise.height_sigma(users);
+  its.device_sigma = noise.device_sigma(users, all);
+  its.assumed_clock = noise.assumed_clock(users);
+  // The first keyframe that stays of a user has no step that leads to it.
+  Marks its_counted = counted(keyframes);
+  for (int u = 0; u < part.users; ++u) its_counted[part.first[u]] = false;
+  out(users, all) = WalkSolver(part).step_noise(here, its, loss, its_counted, weight, rounds);
+  return out;
+}
+
+Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                       const Marks& counted, double weight, int rounds) const {
+  const System others = linearized(states, noise, loss, nullptr, &counted);
+  Eigen::MatrixXd factors = Eigen::MatrixXd::Ones(walks_.users, 2);
+  const auto step_with = [&](int n, double place, double heading) {
+    return step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(Vector3(place, 1.0, heading)));
+  };
+  for (int round = 0; round < rounds; ++round) {
+    System system = others;
+    for (int n = 1; n < states.places.rows(); ++n) {
+      if (counted[n]) add(system, step_with(n, factors(user_[n], 0), factors(user_[n], 1)));
+    }
+    if (!system.matrix.factorize()) return factors;
+    system.matrix.solve(system.gradient);
+    const BorderedEnvelope covariance = system.matrix.inverse();
+    Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(walks_.users, 2);
+    Column count = Column::Zero(walks_.users);
+    for (int n = 1; n < states.places.rows(); ++n) {
+      if (!counted[n]) continue;
+      const Step step = step_with(n, 1.0, 1.0);
+      // Residuals in the plane and in heading, at the most likely states, and their variances.
+      Eigen::Matrix<double, 4, 9> rows;
+      rows << step.by_here, step.by_there, step.by_scale;
+      const Where* at[] = {&keyframe_at_[static_cast<size_t>(step.here)],
+                           &keyframe_at_[static_cast<size_t>(step.there)],
+                           &device_at_[static_cast<size_t>(user_[n])]};
+      const int sizes[] = {4, 4, 1}, begins[] = {0, 4, 8};
+      Eigen::Matrix<double, 9, 9> around = Eigen::Matrix<double, 9, 9>::Zero();
+      Eigen::Matrix<double, 9, 1> moved = Eigen::Matrix<double, 9, 1>::Zero();
+      for (int a = 0; a < 3; ++a) {
+        if (at[a]->group < 0) continue;
+        moved.segment(begins[a], sizes[a]) =
+            -system.gradient[static_cast<size_t>(at[a]->group)].col(0).segment(at[a]->offset, sizes[a]);
+        for (int b = 0; b < 3; ++b) {
+          if (at[b]->group < 0) continue;
+          const bool below = at[a]->group >= at[b]->group;
+          const Where &row = *at[below ? a : b], &column = *at[below ? b : a];
+          const Eigen::MatrixXd part =
+              covariance.block(row.group, column.group)
+                  .block(row.offset, column.offset, sizes[below ? a : b], sizes[below ? b : a]);
+          if (below) {
+            around.block(begins[a], begins[b], sizes[a], sizes[b]) = part;
+          } else {
+            around.block(begins[a], begins[b], sizes[a], sizes[b]) = part.transpose();
+          }
+        }
+      }
+      const Eigen::Vector4d residual = step.residual + rows * moved;
+      const Eigen::Vector4d square = residual.cwiseAbs2() + (rows * around * rows.transpose()).diagonal();
+      squares(user_[n], 0) += square[0] + square[1];
+      squares(user_[n], 1) += square[3];
+      count[user_[n]] += 1.0;
+    }
+    factors.col(0) = ((2.0 * weight + squares.col(0).array()) / (2.0 * (weight + count.array()))).sqrt();
+    factors.col(1) = ((weight + squares.col(1).array()) / (weight + count.array())).sqrt();
+  }
+  return factors;
+}
+
+}  // namespace synchronizar
