@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from support.told import Scripted
+
+from experiments.common.cpu import cpu_seconds, resident_mb, yardstick_seconds
+from experiments.common.live import arrival_of, fed, first_registered, one_at_a_time, told, written
+from experiments.live import start
+from synchronizar.data.ranges import Ranges
+from synchronizar.data.recording import Recording
+from synchronizar.data.registration import State
+from synchronizar.data.track import Track
+from synchronizar.data.user import User
+from synchronizar.geometry import YawFrame
+
+AHEAD = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def straight(t: list[float]) -> Track:
+    """One metre a second along x."""
+    stamps = np.array(t)
+    return Track(stamps, np.column_stack([stamps, 0.0 * stamps, 0.0 * stamps]), np.tile(AHEAD, (len(t), 1)))
+
+
+def recording() -> Recording:
+    """A second of two people, with a pose at each quarter of it."""
+    pair = np.zeros(3, dtype=np.int32), np.ones(3, dtype=np.int32)
+    return Recording(
+        (User("phone0"), User("phone1", antennas={"front": (0.1, 0.0, 0.0)})),
+        {name: straight([0.0, 0.25, 0.5, 0.75]) for name in ("phone0", "phone1")},
+        Ranges.of(
+            np.array([0.0, 0.3, 0.6]),
+            *pair,
+            np.array([1.0, 2.0, 3.0]),
+            antenna_b=np.array([0, 0, -1], dtype=np.int32),
+            source=np.array([0, -1, -1], dtype=np.int32),
+        ),
+    )
+
+
+def says(t: float) -> dict[str, tuple[State, YawFrame | None]]:
+    """The second user is placed from 0.2 s, registered from 0.4 s, and its frame moves up by 1 m/s."""
+    state = State.REGISTERED if t > 0.35 else State.UNOBSERVABLE
+    frame = YawFrame(1.0, 0.0, t, 0.5 * np.pi, 2.0) if t > 0.15 else None
+    return {"phone0": (State.REGISTERED, YawFrame()), "phone1": (state, frame)}
+
+
+def test_everything_is_fed_before_the_update_that_is_later() -> None:
+    estimator = Scripted(says)
+    calls = [(0.25, lambda e: e.new_session("phone1"))]
+    moments = list(fed(recording(), estimator, calls=calls))
+    assert [round(m.t, 9) for m in moments] == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    assert estimator.given[:4] == [
+        ("phone0", 0.0, 0.0, 0.0, 0.0),
+        ("phone1", 0.0, 0.0, 0.0, 0.0),
+        ("phone0", "phone1", 0.0, 1.0, {"antenna_b": "front", "source": "module"}),
+        ("advance", 0.1),
+    ]
+    at = estimator.given.index(("new session", "phone1"))
+    assert estimator.given[at - 1 : at + 4] == [
+        ("advance", 0.2),
+        ("new session", "phone1"),
+        ("phone0", 0.25, 0.25, 0.0, 0.0),
+        ("phone1", 0.25, 0.25, 0.0, 0.0),
+        ("advance", 0.3),
+    ]
+
+
+def test_poses_that_come_late_are_fed_late() -> None:
+    estimator = Scripted(says)
+    late = {"phone1": np.array([0.31, 0.32, 0.33, 0.5])}
+    list(fed(recording(), estimator, arrivals=late))
+    assert estimator.given.index(("phone1", 0.25, 0.25, 0.0, 0.0)) > estimator.given.index(("advance", 0.3))
+
+
+def test_a_pose_is_told_by_the_registration_before_it() -> None:
+    estimator, played = Scripted(says), recording()
+    of = told(played, fed(played, estimator), estimator)
+    poses = written(of, played.tracks["phone1"], "phone1")
+    assert poses.registered.tolist() == [False, False, True, False]  # the last comes after all updates
+    assert np.isnan(poses.position[[0, 3]]).all()
+    np.testing.assert_allclose(poses.position[1], [1.0, 0.5, 0.2], atol=1e-9)  # turned by a quarter, twice as far
+    np.testing.assert_allclose(poses.position[2], [1.0, 1.0, 0.5], atol=1e-9)
+    assert first_registered(of, "phone1") == pytest.approx(0.4)
+    assert first_registered(of, "phone0") == pytest.approx(0.1)
+    assert of.events[0] == (pytest.approx(0.1), "it is 0.1")
+
+
+def test_by_the_wall_clock_it_is_never_ahead_of_the_data() -> None:
+    estimator = Scripted(says)
+    behind = [m.behind for m in fed(recording(), estimator, until=0.2, real_time=True)]
+    assert len(behind) == 2
+    assert min(behind) >= 0.0
+
+
+def test_a_stray_stamp_comes_with_its_neighbour() -> None:
+    assert arrival_of(straight([0.0, 1.7e9, 1.7e9 + 0.5])).tolist() == [1.7e9 - 1.0, 1.7e9, 1.7e9 + 0.5]
+    assert arrival_of(straight([5.0, 5.5, 86400.0])).tolist() == [5.0, 5.5, 6.5]
+    assert arrival_of(straight([5.0, 5.5, 6.0])).tolist() == [5.0, 5.5, 6.0]
+
+
+def test_cpu_time_counts_processes_that_run_and_that_have_ended() -> None:
+    spin = "import time\nwhile time.process_time() < 0.3: pass\n"
+    before = cpu_seconds()
+    subprocess.run([sys.executable, "-c", spin], check=True)
+    ended = cpu_seconds()
+    with subprocess.Popen([sys.executable, "-c", spin + "print(flush=True); input()"], **PIPES) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        running, with_it = cpu_seconds(), resident_mb()
+        process.communicate(b"\n")
+    assert ended - before > 0.25
+    assert running - ended > 0.25
+    assert with_it > resident_mb()
+    assert yardstick_seconds() > 0.0
+
+
+PIPES = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+
+
+def test_each_task_has_a_process_of_its_own() -> None:
+    assert len({*one_at_a_time(process_of, [1, 2]), os.getpid()}) == 3
+
+
+def process_of(_: int) -> int:
+    time.sleep(0.0)
+    return os.getpid()
+
+
+def test_the_row_of_starts_takes_the_moment_when_all_are_registered() -> None:
+    t = np.arange(1, 31) / 10.0
+    walk = start.Start(2.0, 0.5, np.array([1.0, 2.0]), 0.001 * np.ones(30), 0.01 * np.arange(30), t, 1)
+    row = start.row_of(3, [walk], real_time=True)
+    assert row["of the yardstick"] == 4.0
+    assert row["median s until registered"] == 1.5
+    assert row["s behind when all are registered"] == pytest.approx(0.19)  # at 2.0 s, the twentieth
+    assert row["s behind, longest"] == pytest.approx(0.29)
+    never = walk._replace(first=np.array([1.0, np.inf]))
+    assert start.row_of(3, [never], real_time=True)["at most"] == np.inf
