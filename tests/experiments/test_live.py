@@ -4,20 +4,24 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.told import Scripted
 
 from experiments.common.cpu import cpu_seconds, resident_mb, yardstick_seconds
+from experiments.common.full_oracle import common_from_world, true_frames_along
 from experiments.common.live import arrival_of, fed, first_registered, one_at_a_time, told, written
-from experiments.live import start
+from experiments.live import following, start
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.geometry import YawFrame
+from synchronizar.simulation.scene import Scene
+from synchronizar.simulation.simulate import simulate
 
 AHEAD = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -143,3 +147,32 @@ def test_the_row_of_starts_takes_the_moment_when_all_are_registered() -> None:
     assert row["s behind, longest"] == pytest.approx(0.29)
     never = walk._replace(first=np.array([1.0, np.inf]))
     assert start.row_of(3, [never], real_time=True)["at most"] == np.inf
+
+
+def test_frames_along_a_walk_end_at_the_true_one() -> None:
+    simulation = simulate(Scene(users=2, seconds=3.0, seed=1, scale_sigma=0.1, drift_rad_per_sqrt_s=0.05))
+    true = common_from_world(simulation, "phone0") @ simulation.world_from_user["phone1"]
+    along = true_frames_along(simulation, "phone0", "phone1")
+    np.testing.assert_allclose(along[-1], [true.x, true.y, true.z, true.yaw], atol=1e-9)
+    assert np.ptp(along[:, 3]) > 0.01
+
+
+def test_what_followers_tell_is_set_beside_the_true_frames() -> None:
+    simulation = simulate(Scene(users=2, seconds=3.0, seed=1))
+    true = common_from_world(simulation, "phone0") @ simulation.world_from_user["phone1"]
+    off = replace(true, x=true.x + 0.3)
+
+    def one_off(_: float) -> dict[str, tuple[State, YawFrame | None]]:
+        return {"phone0": (State.REGISTERED, YawFrame()), "phone1": (State.REGISTERED, off)}
+
+    estimator = Scripted(one_off)
+    of = told(simulation.recording, fed(simulation.recording, estimator), estimator)
+    found = following.judged(simulation, of)
+    np.testing.assert_allclose(found.common, 0.09)
+    np.testing.assert_allclose(found.transfer, 0.09)
+    np.testing.assert_allclose(found.normalised, 0.09 / 0.01 / 3.0)  # covariance 0.01 each
+    assert found.first == [pytest.approx(0.1)]
+    assert (found.wrong, len(found.settled)) == (0, 0)
+    row = following.row_of(2, 0.0, [found, found])
+    assert row["transfer xy"] == row["common xy"] == pytest.approx(0.3)
+    assert row["normalised error"] == pytest.approx(3.0)
