@@ -154,7 +154,8 @@ def row_of(users: int, late: float, walks: list[Followed]) -> dict[str, Any]:
 
 
 def _rms(squares: list[Array]) -> float:
-    return float(np.sqrt(np.concatenate(squares).mean()))
+    joined = np.concatenate(squares)
+    return float(np.sqrt(joined.mean())) if len(joined) else np.nan
 
 
 def main() -> None:

@@ -174,5 +174,6 @@ def test_what_followers_tell_is_set_beside_the_true_frames() -> None:
     assert found.first == [pytest.approx(0.1)]
     assert (found.wrong, len(found.settled)) == (0, 0)
     row = following.row_of(2, 0.0, [found, found])
-    assert row["transfer xy"] == row["common xy"] == pytest.approx(0.3)
+    assert [row["transfer xy"], row["common xy"]] == pytest.approx([0.3, 0.3])
+    assert np.isnan(row["settled xy"])
     assert row["normalised error"] == pytest.approx(3.0)
