@@ -13,7 +13,7 @@ from support.told import Scripted
 from experiments.common.cpu import cpu_seconds, resident_mb, yardstick_seconds
 from experiments.common.full_oracle import common_from_world, true_frames_along
 from experiments.common.live import arrival_of, fed, first_registered, one_at_a_time, told, written
-from experiments.live import following, start
+from experiments.live import following, hours, start
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
@@ -177,3 +177,33 @@ def test_what_followers_tell_is_set_beside_the_true_frames() -> None:
     assert [row["transfer xy"], row["common xy"]] == pytest.approx([0.3, 0.3])
     assert np.isnan(row["settled xy"])
     assert row["normalised error"] == pytest.approx(3.0)
+
+
+def test_transfer_is_where_the_first_sees_the_second() -> None:
+    pairs = np.array([(0, 1), (1, 0)]).T
+    true = np.array([[2.0, 2.0, 0.0, 0.0], [3.0, 2.0, 0.0, 0.0]])
+    elsewhere = true + [5.0, -1.0, 3.0, 0.0]  # together: nobody sees that
+    np.testing.assert_allclose(hours.transfer(elsewhere, true, pairs), 0.0)
+    turned = true + [[0.0, 0.0, 0.0, 0.5 * np.pi], [0.0, 0.0, 0.0, 0.0]]
+    np.testing.assert_allclose(hours.transfer(turned, true, pairs), [np.sqrt(2.0), 0.0])
+
+
+def test_an_hour_s_clocks_run_off_and_its_rates_can_be_a_tenth() -> None:
+    task = hours.Task(users=2, seed=3, minutes=0.5, slower=10.0)
+    simulation = hours.simulation_of(task)
+    for name, track in simulation.recording.tracks.items():
+        true = simulation.truth[name]
+        ppm = 1e6 * ((track.t[-1] - track.t[0]) / (true.t[-1] - true.t[0]) - 1.0)
+        assert 0.1 < abs(ppm) < hours.PPM
+        assert np.diff(true.t) == pytest.approx(1.0 / 3.0)
+    assert len(simulation.recording.ranges) == pytest.approx(0.8 * 30.0, abs=1)
+
+
+def test_a_row_of_hours_is_by_quarters() -> None:
+    wall = np.repeat([9e-3, 1e-3, 5e-3, 2e-3], 10)
+    errors = np.repeat([[0.4, 0.4], [0.1, 0.1], [0.2, np.nan], [0.3, 0.6]], 5, axis=0)
+    found = hours.Long(wall, np.arange(5.0), 0.1, np.arange(20.0), errors, np.array([True, False]), 0.2, np.ones(20))
+    row = hours.row_of(hours.Task(2, 0, 1.0, 1.0), found)
+    assert row["last quarter / second"] == pytest.approx(2.0)
+    assert row["pairs' transfer xy, quarters"] == "0.400 0.100 0.200 0.474"
+    assert [row["with the reference"], row["without"], row["largest"]] == pytest.approx([0.3, 0.6, 0.6])
