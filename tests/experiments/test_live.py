@@ -182,9 +182,9 @@ def test_what_followers_tell_is_set_beside_the_true_frames() -> None:
 def test_transfer_is_where_the_first_sees_the_second() -> None:
     pairs = np.array([(0, 1), (1, 0)]).T
     true = np.array([[2.0, 2.0, 0.0, 0.0], [3.0, 2.0, 0.0, 0.0]])
-    elsewhere = true + [5.0, -1.0, 3.0, 0.0]  # together: nobody sees that
+    elsewhere = true + np.array([5.0, -1.0, 3.0, 0.0])  # together: nobody sees that
     np.testing.assert_allclose(hours.transfer(elsewhere, true, pairs), 0.0)
-    turned = true + [[0.0, 0.0, 0.0, 0.5 * np.pi], [0.0, 0.0, 0.0, 0.0]]
+    turned = true + np.array([[0.0, 0.0, 0.0, 0.5 * np.pi], [0.0, 0.0, 0.0, 0.0]])
     np.testing.assert_allclose(hours.transfer(turned, true, pairs), [np.sqrt(2.0), 0.0])
 
 
