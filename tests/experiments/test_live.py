@@ -13,7 +13,7 @@ from support.told import Scripted
 from experiments.common.cpu import cpu_seconds, resident_mb, yardstick_seconds
 from experiments.common.full_oracle import common_from_world, true_frames_along
 from experiments.common.live import arrival_of, fed, first_registered, one_at_a_time, told, written
-from experiments.live import following, hours, start
+from experiments.live import following, hours, replays, start
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
@@ -207,3 +207,22 @@ def test_a_row_of_hours_is_by_quarters() -> None:
     assert row["last quarter / second"] == pytest.approx(2.0)
     assert row["pairs' transfer xy, quarters"] == "0.400 0.100 0.200 0.474"
     assert [row["with the reference"], row["without"], row["largest"]] == pytest.approx([0.3, 0.6, 0.6])
+
+
+def test_causal_errors_are_of_what_was_told_from_then_on() -> None:
+    played = recording()
+    own = played.tracks["phone0"]
+    frame = YawFrame(5.0, 3.0, 1.0, 1.0)
+    ahead = replace(own, position=own.position + np.array([0.0, 0.4, 0.0]))
+    truth = {name: replace(t, position=frame @ t.position) for name, t in (("phone0", own), ("phone1", ahead))}
+
+    def late(t: float) -> dict[str, tuple[State, YawFrame | None]]:
+        state = State.REGISTERED if t > 0.45 else State.UNOBSERVABLE
+        return {"phone0": (State.REGISTERED, YawFrame()), "phone1": (state, YawFrame())}
+
+    estimator = Scripted(late)
+    of = told(played, fed(played, estimator), estimator)
+    found = replays.causal(played, truth, of, "phone0", 0.2)
+    assert found["causal transfer xy"] == pytest.approx(0.4)
+    assert found["least share of it registered"] == 0.5  # poses at 0.25 and 0.5 s
+    assert replays.causal(played, truth, of, None, 0.2)["causal transfer xy"] is None
