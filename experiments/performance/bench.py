@@ -5,7 +5,7 @@
 rigid: free walks with clean ranges. For each size: the search for a start (initialise), the joint solve from it to the
 first minimum, the same solve with the kernel in numpy (one vectorised CustomFactor a pair, as the C++ block; both with
 squared losses, from the same start), the whole of `register`'s work (with mirror images, late bursts judged,
-covariances and verdicts): medians of CPU time, ms. And what it tells of its own search and solve: the least of five, ms.
+covariances and verdicts): medians of CPU time (ms). What it tells of its own search and solve: the least of five (ms).
 
 batch: CPU seconds of `register` with the default model; a minute of clean free walks, all pairs ranging at the paper's
 rate, for so many people (50 people: 40 s), and recordings. start: as `experiments.live.start`.
