@@ -210,6 +210,15 @@ def _clock(simulation: Simulation, seed: int, _: np.random.Generator) -> Fault:
     return Fault(with_track(simulation, ONE, stamped), (ONE,), arrivals={ONE: track.t})
 
 
+def _stray(simulation: Simulation, seed: int, _: np.random.Generator) -> Fault:
+    """One pose more, stamped a day ahead or 0."""
+    track, stamp = simulation.recording.tracks[ONE], (86400.0, 0.0)[seed % 2]
+    row = int(np.searchsorted(track.t, BEGIN))
+    place, quat = track.position[row], track.quat_xyzw[row]
+    call = (BEGIN, lambda e: e.add_pose(ONE, stamp, place, quat))
+    return Fault(simulation, (ONE,), calls=(call,))
+
+
 KINDS: dict[str, Callable[[Simulation, int, np.random.Generator], Fault]] = {
     "none": lambda simulation, _, __: Fault(simulation),
     "slide": _slide(ONE),
@@ -227,5 +236,6 @@ KINDS: dict[str, Callable[[Simulation, int, np.random.Generator], Fault]] = {
     "frozen": _frozen,
     "swapped radios": _swapped,
     "clock step": _clock,
+    "stray stamp": _stray,
 }
 """A fault of a simulated walk, its seed and what draws the rest."""

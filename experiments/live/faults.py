@@ -151,6 +151,17 @@ def astray_from(own: Track, true: Array) -> float:
     return float(own.t[np.flatnonzero(off)[0]]) if off.any() else np.inf
 
 
+def one(task: tuple[str, int] | Path) -> Judged | None:
+    """A simulated walk or a case."""
+    return case(task) if isinstance(task, Path) else walk(task)
+
+
+def _line(judged: Judged) -> str:
+    """How long each was written as registered and off."""
+    off = ", ".join(f"{c.name}{' (at fault)' * c.faulty} {course_off(c)[1]:.1f} s" for c in judged.courses)
+    return f"{judged.kind}, seed {judged.seed}: registered and off: {off}"
+
+
 def row_of(kind: str, walks: list[Judged]) -> dict[str, Any]:
     """A line of the table."""
     row: dict[str, Any] = {"kind": kind, "n": len(walks)}
@@ -196,11 +207,12 @@ def main() -> None:
     parser.add_argument("--pictures", action="store_true")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    walks = list(on_all_cores(walk, [(kind, seed) for kind in options.kinds for seed in seeds]))
-    groups = {kind: [w for w in walks if w.kind == kind] for kind in options.kinds}
-    if options.cases is not None:
-        folders = sorted(f.parent for f in options.cases.glob("*/truth"))
-        groups |= {c.kind: [c] for folder in folders if (c := case(folder)) is not None}
+    folders = sorted(f.parent for f in options.cases.glob("*/truth")) if options.cases is not None else []
+    groups: dict[str, list[Judged]] = {}
+    for judged in on_all_cores(one, [*((kind, seed) for kind in options.kinds for seed in seeds), *folders]):
+        if judged is not None:
+            groups.setdefault(judged.kind, []).append(judged)
+            print(_line(judged), flush=True)
     rows = [row_of(kind, of) for kind, of in groups.items()]
     write_table("faults", rows, {**vars(options), "cases": str(options.cases)})
     print(markdown(rows, digits=2))
