@@ -55,7 +55,7 @@ def scene_of(seed: int, users: int = 4) -> Scene:
 def fault_of(kind: str, seed: int) -> Fault:
     """A fault of one of KINDS."""
     simulation = simulate(scene_of(seed))
-    return KINDS[kind](simulation, seed, np.random.default_rng([seed, sorted(KINDS).index(kind)]))
+    return KINDS[kind](simulation, seed, np.random.default_rng([seed, *kind.encode()]))
 
 
 def in_frames(track: Track, frames: Array) -> Track:
