@@ -13,15 +13,15 @@ kind's first seed, and of each case.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.common.faults import KINDS, REFERENCE, Fault, fault_of
+from experiments.common.faults import KINDS, REFERENCE, fault_of
 from experiments.common.full_oracle import true_tracks
-from experiments.common.live import OFF, Written, estimator_of, fed, told, written
+from experiments.common.live import OFF, Call, estimator_of, fed, told, written
 from experiments.common.markdown import markdown
 from experiments.common.results import FOLDER, write_table
 from experiments.common.study import WIDE_INCHES, figure
@@ -103,21 +103,28 @@ def walk(task: tuple[str, int]) -> Judged:
     recording = fault.simulation.recording
     truth = {name: t.position for name, t in true_tracks(fault.simulation, REFERENCE).items()}
     start = float(recording.ranges.t.min())
-    courses = _courses(recording, truth, fault, REFERENCE)
+    courses = _courses(recording, truth, REFERENCE, fault.faulty, fault.arrivals, fault.calls)
     return Judged(kind, seed, courses, fault.begin - start, fault.end - start)
 
 
-def _courses(recording: Recording, truth: Mapping[str, Array], fault: Fault, reference: str) -> list[Course]:
+def _courses(
+    recording: Recording,
+    truth: Mapping[str, Array],
+    reference: str,
+    faulty: tuple[str, ...],
+    arrivals: Mapping[str, Array] | None = None,
+    calls: Sequence[tuple[float, Call]] = (),
+) -> list[Course]:
     """Feed a recording; `truth` (n, 3) of each track in the common frame, NaN where it is not known."""
     estimator = estimator_of(recording, reference)
-    moments = fed(recording, estimator, arrivals=fault.arrivals, calls=fault.calls)
+    moments = fed(recording, estimator, arrivals=arrivals, calls=calls)
     of = told(recording, moments, estimator)
     out = []
     for name in recording.tracks:
-        poses: Written = written(of, recording.tracks[name], name, fault.arrivals.get(name))
+        poses = written(of, recording.tracks[name], name, (arrivals or {}).get(name))
         error = np.linalg.norm(poses.position - truth[name], axis=1)
         t = poses.t - float(recording.ranges.t.min())
-        out.append(Course(name, name in fault.faulty, t, poses.registered, error))
+        out.append(Course(name, name in faulty, t, poses.registered, error))
     return out
 
 
@@ -137,7 +144,7 @@ def case(folder: Path) -> Judged | None:
         begins[name] = astray_from(own, places[name]) - start
     faulty = tuple(name for name, at in begins.items() if np.isfinite(at))
     begin = min((begins[name] for name in faulty), default=SETTLED_S)
-    return Judged(folder.name, 0, _courses(recording, places, Fault(None, faulty), reference), begin, begin)
+    return Judged(folder.name, 0, _courses(recording, places, reference, faulty), begin, begin)
 
 
 def astray_from(own: Track, true: Array) -> float:

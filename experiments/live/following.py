@@ -113,8 +113,8 @@ def judged(simulation: Simulation, of: Told, used: float = 0.0, with_batch: bool
         tracks = register(recording, of.reference).tracks(recording)
         batch = [_plane(tracks[name].position - truth[name].position) for name in others if name in tracks]
     first = [first_registered(of, name) for name in others]
-    joined = [np.concatenate(part or [np.zeros(0)]) for part in (transfer, common, settled, batch, normalised)]
-    return Followed(*joined, first, of.wall, used, wrong)
+    t, c, s, b, n = (np.concatenate(p or [np.zeros(0)]) for p in (transfer, common, settled, batch, normalised))
+    return Followed(t, c, s, b, n, first, of.wall, used, wrong)
 
 
 def _plane(errors: Array) -> Array:

@@ -26,7 +26,7 @@ from experiments.common.full_oracle import true_frames_along, true_tracks
 from experiments.common.live import A_SECOND, estimator_of, fed, frame_row, is_registered, one_at_a_time
 from experiments.common.results import FOLDER, write_table
 from experiments.common.study import figure
-from synchronizar.arrays import Array, Indices
+from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.geometry import apply_frames
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
@@ -60,7 +60,7 @@ class Long(NamedTuple):
     """(n,) s."""
     errors: Array
     """(n, pairs) m: transfer in the plane; NaN while one of the two is not registered."""
-    with_reference: Array
+    with_reference: Mask
     """(pairs,) whether the reference is one of the two."""
     common: float
     """m: rms of all in the common frame at the end."""
@@ -113,7 +113,8 @@ def walk(task: Task) -> Long:
     registered = np.zeros(rows.shape[:2], dtype=bool)
     wall = np.full(int(60.0 * task.minutes * a_second) + 2, -1.0)
     yardstick, megabytes = yardstick_seconds(), [resident_mb()]
-    estimator, began, n, second = estimator_of(recording), cpu_seconds(), 0, []
+    estimator, began, n = estimator_of(recording), cpu_seconds(), 0
+    second: list[float] = []
     every, end = round(a_second) or 1, len(wall) - 2
     for n, moment in enumerate(fed(recording, estimator, arrivals=arrivals, a_second=a_second)):
         wall[n] = moment.wall
