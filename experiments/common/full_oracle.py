@@ -46,6 +46,16 @@ def true_tracks(simulation: Simulation, reference: str) -> dict[str, Track]:
     }
 
 
+def true_frames_along(simulation: Simulation, reference: str, name: str) -> Array:
+    """(n, 4) x, y, z, yaw: how a device's own frame lay in the common one at each of its poses."""
+    own, true = simulation.recording.tracks[name], true_tracks(simulation, reference)[name]
+    yaw = _slam_headings(true, own)
+    turn = np.column_stack([np.zeros((len(own), 3)), yaw])
+    return np.column_stack(
+        [true.position - apply_frames(turn, simulation.world_from_user[name].scale * own.position), yaw]
+    )
+
+
 def last_poses(tracks: Mapping[str, Track]) -> dict[str, Array]:
     """(7,) of each track: x, y, z and attitude x y z w at its last stamp."""
     return {name: np.concatenate([track.position[-1], track.quat_xyzw[-1]]) for name, track in tracks.items()}

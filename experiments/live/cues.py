@@ -2,8 +2,8 @@
 
 `python -m experiments.live.cues [--seeds 60]`: two people, ranges with 0.1 m at the paper's rate, nothing wrong with
 their devices. The first walks freely from place to place of a room of 6 m; the second walks freely too, or beside the
-first (1 m to its left), or as the cues say: at most once a second it takes the one that there is, turned into its own
-frame by what is known of it (as an arrow on its screen would be), and walks that way, as far as walls let it. They
+first (1 m to its left), or as the cues say: at most once a second it takes the sentence that there is by its words (to
+its left, towards somebody) and walks that way, as far as walls let it. They
 begin anywhere, or 1 m apart, as those who walk side by side do: who is near is placed sooner. The walk goes on until it
 is registered, for 30 s at most. The figure draws who is registered when.
 """
@@ -11,18 +11,18 @@ is registered, for 30 s at most. The figure draws who is registered when.
 from __future__ import annotations
 
 import argparse
+import re
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
+import synchronizar as sz
+from experiments.common.live import is_registered
 from experiments.common.results import FOLDER, write_table
 from experiments.common.walks import on_all_cores
 from synchronizar.arrays import Array
 from synchronizar.data.ranging_rate import papers_rate_hz
-from synchronizar.data.user import User
-from synchronizar.estimation.incremental.cues import Cue
-from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.quaternions import yaw_quaternion
 
@@ -44,6 +44,24 @@ ARRIVED_M = 0.1
 LISTENS_S = 1.0
 LONGEST_S = 30.0
 REFERENCE, OTHER = 0, 1
+TURNS = {
+    "straight on": 0.0,
+    "ahead to your left": 45.0,
+    "to your left": 90.0,
+    "back to your left": 135.0,
+    "back": 180.0,
+    "ahead to your right": -45.0,
+    "to your right": -90.0,
+    "back to your right": -135.0,
+}
+"""Degrees, from where somebody walks."""
+BY_SOMEBODY = {
+    "towards ": 0.0,
+    "away from ": 180.0,
+    "to the left, as you look at ": 90.0,
+    "to the right, as you look at ": -90.0,
+}
+"""Degrees, from where the other is."""
 
 
 class Walked(NamedTuple):
@@ -104,7 +122,7 @@ def walk(task: tuple[str, int]) -> Walked:
             *walkers[OTHER].place.tolist(), yaw=walkers[OTHER].world_from_user.yaw
         )
     names = ("phone0", "phone1")
-    engine = Engine(tuple(User(name) for name in names), names[REFERENCE])
+    estimator = sz.Estimator(names, reference=names[REFERENCE], workers=0)
     ranged, heard = 0.0, -np.inf
     for n in range(int(LONGEST_S * POSES_HZ)):
         t = n / POSES_HZ
@@ -113,21 +131,22 @@ def walk(task: tuple[str, int]) -> Walked:
         if way == "side by side":
             _beside(walkers)
         for name, walker in zip(names, walkers, strict=True):
-            engine.add_pose(name, t, *walker.pose())
+            estimator.add_pose(name, t, *walker.pose())
         if t >= ranged:
             ranged += 1.0 / RANGES_HZ
             distance = float(np.linalg.norm(walkers[0].place - walkers[1].place) + SIGMA_M * radio.standard_normal())
             if distance > 0.0:
-                engine.add_range(t, *names, distance)
+                estimator.add_range(t, *names, distance)
         if n % (POSES_HZ // UPDATES_HZ):
             continue
-        engine.advance(t)
-        if engine.is_registered(OTHER):
-            return Walked(way, t, _off(engine, walkers))
-        cue = engine.cue(OTHER)
-        if way.startswith("cues") and cue is not None and t > heard + LISTENS_S:
+        estimator.advance(t)
+        told = estimator.registration().users[names[OTHER]]
+        if is_registered(told):
+            assert told.common_from_user is not None
+            return Walked(way, t, _off(told.common_from_user, walkers))
+        if way.startswith("cues") and told.cue is not None and t > heard + LISTENS_S:
             heard = t
-            walkers[OTHER].goes(_in_the_room(cue, engine, walkers[OTHER]), cue.length)
+            walkers[OTHER].goes(*understood(told.cue, walkers[OTHER].heading, _way(walkers)))
     return Walked(way, np.inf, np.nan)
 
 
@@ -138,17 +157,32 @@ def _beside(walkers: list[Walker]) -> None:
     second.heading = first.heading
 
 
-def _in_the_room(cue: Cue, engine: Engine, walker: Walker) -> float:
-    """rad: the cue as an arrow in the user's own frame, and where that points."""
-    frame = engine.frame(OTHER)
-    assert frame is not None
-    return cue.direction - frame.yaw + walker.world_from_user.yaw
+def _way(walkers: list[Walker]) -> float:
+    """Which way (rad, in the room) the first is from the second."""
+    to = walkers[REFERENCE].place - walkers[OTHER].place
+    return float(np.arctan2(to[1], to[0]))
 
 
-def _off(engine: Engine, walkers: list[Walker]) -> float:
+def understood(cue: str, heading: float, towards: float) -> tuple[float, float]:
+    """Which way (rad, in the room) a cue sends somebody who walks towards `heading`, and how far (m).
+
+    `towards`: which way the other is. Raises ValueError for words that nobody would know what to do with.
+    """
+    found = re.match(r"walk (?P<length>[\d.]+) m (?P<way>.+)", cue)
+    if found is None:
+        raise ValueError(f"no cue: {cue!r}")
+    length, way = float(found["length"]), found["way"]
+    for words, degrees in TURNS.items():
+        if way == words:
+            return heading + np.radians(degrees), length
+    for words, degrees in BY_SOMEBODY.items():
+        if way.startswith(words):
+            return towards + np.radians(degrees), length
+    raise ValueError(f"no way to go: {cue!r}")
+
+
+def _off(frame: YawFrame, walkers: list[Walker]) -> float:
     """m, in the plane: the place of the second as the first sees it."""
-    frame = engine.frame(OTHER)
-    assert frame is not None
     found = frame @ walkers[OTHER].pose()[0]
     true = walkers[REFERENCE].world_from_user.inverse() @ walkers[OTHER].place
     return float(np.linalg.norm((found - true)[:2]))

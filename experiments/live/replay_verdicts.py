@@ -1,35 +1,38 @@
 """False registrations while people walk: how often a user called `registered` is off.
 
-`python -m experiments.live.replay_verdicts [--scenes 1000]` replays the scenes of `experiments.accuracy.verdicts`, the
-hard ones too; in every other one SLAM drifts and has a wrong scale, clocks are off and radios biased. An episode is a
-stretch of updates in which a user is called registered; it is wrong where at any time in it the user's place is off by
-more than 0.6 m (in three dimensions, where it is then), or its frame, in x, y, z or yaw, by more than 5 of its own
-standard deviations. The share of wrong ones has the upper end of its one-sided 95 % interval (Clopper and Pearson 1934)
-beside it.
+`python -m experiments.live.replay_verdicts [--scenes 1000] [--first-seed 0] [--out FILE] [--processes 2]` feeds the
+scenes of `experiments.accuracy.verdicts`, the hard ones too, to an `Estimator`; in every other one SLAM drifts and has
+a wrong scale, clocks are off and radios biased. An episode is a stretch of updates in which a user is called
+registered; it is wrong where at any time in it the user's place is off by more than 0.6 m (in three dimensions, where
+it is then), or its frame, in x, y, z or yaw, by more than 5 of its own standard deviations. The share of wrong ones has
+the upper end of its one-sided 95 % interval (Clopper and Pearson 1934) beside it. `--out` gets a line for each scene as
+soon as it is done; scenes that it has are not done again, and the table is of all that it has: a thousand scenes may be
+done in parts (by one and the same estimator: nothing checks that).
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+from collections.abc import Iterable
 from dataclasses import replace
+from multiprocessing import Pool
+from pathlib import Path
+from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from experiments.accuracy.verdicts import KINDS, OFF, scene_of
-from experiments.common.full_oracle import common_from_world
+from experiments.common.full_oracle import common_from_world, true_frames_along
+from experiments.common.live import Said, Told, arrival_of, estimator_of, fed, told
 from experiments.common.results import write_table
-from experiments.common.walks import on_all_cores
-from synchronizar.arrays import Array
-from synchronizar.data.registration import State
-from synchronizar.data.updates import UserUpdate
-from synchronizar.estimation.incremental.replay import replay
-from synchronizar.geometry import YawFrame, wrap_angle
-from synchronizar.simulation.simulate import simulate
+from synchronizar.arrays import Array, Mask
+from synchronizar.geometry import apply_frames, difference
+from synchronizar.simulation.simulate import Simulation, simulate
 
 SIGMAS = 5.0
 CONFIDENCE = 0.95
-RADIO = np.zeros(3)
 FAULTS: dict[str, Any] = {
     "drift_m_per_sqrt_s": 0.02,
     "drift_rad_per_sqrt_s": 0.01,
@@ -58,49 +61,65 @@ class Episode(NamedTuple):
         return self.off > OFF or self.sigmas > SIGMAS
 
 
-def episodes(seed: int) -> list[Episode]:
-    """Those of one scene."""
+class Judged(NamedTuple):
+    """A scene that is done."""
+
+    kind: str
+    seed: int
+    cpu: float
+    """s."""
+    episodes: list[Episode]
+
+
+def judge(seed: int) -> Judged:
+    """One scene."""
+    began = process_time()
     kind, scene = scene_of(seed)
     if seed % 2:
         scene = replace(scene, **FAULTS)
     simulation = simulate(scene)
     recording = simulation.recording
-    played = replay(recording)
-    reference = played.registration.reference
-    to_common = common_from_world(simulation, reference)
-    out: list[Episode] = []
-    for name in recording.tracks.keys() | {u.name for u in recording.users if u.static}:
-        if name == reference:
+    estimator = estimator_of(recording)
+    of = told(recording, fed(recording, estimator), estimator)
+    found = []
+    for user in recording.users:
+        if user.name == of.reference or of.reference is None:
             continue
-        true = to_common @ simulation.world_from_user[name]
-        before = False
-        for update in played.updates:
-            user = update.users[name]
-            now = user.state is State.REGISTERED and user.common_from_user is not None
-            if now:
-                track = recording.tracks.get(name)
-                here = RADIO if track is None else track.at(np.array([update.t]), np.inf).position[0]
-                off, sigmas = _errors(user, true, here)
-                if before:
-                    last = out[-1]
-                    out[-1] = last._replace(off=max(last.off, off), sigmas=max(last.sigmas, sigmas))
-                else:
-                    out.append(Episode(kind, seed, name, update.t - recording.ranges.t.min(), off, sigmas))
-            before = now
-    return out
+        off, sigmas = _errors(simulation, of, of.reference, user.name)
+        for stretch in stretches(of.users[user.name].registered):
+            begin = float(of.t[stretch.start] - recording.ranges.t.min())
+            found.append(Episode(kind, seed, user.name, begin, float(off[stretch].max()), float(sigmas[stretch].max())))
+    return Judged(kind, seed, process_time() - began, found)
 
 
-def _errors(user: UserUpdate, true: YawFrame, here: Array) -> tuple[float, float]:
-    """How far off (m) a device at `here` (3,) of its own frame is, and its frame in sigmas."""
-    frame = user.common_from_user
-    assert frame is not None
-    off = float(np.linalg.norm(frame @ here - true @ here))
-    error = np.append(frame.translation - true.translation, wrap_angle(frame.yaw - true.yaw))
-    if user.covariance is None:
-        return off, 0.0
-    sigma = np.sqrt(np.diag(user.covariance))
-    known = np.isfinite(sigma)
-    return off, float(np.abs(error[known] / sigma[known]).max())
+def stretches(registered: Mask) -> list[slice]:
+    """Of updates one after the other in which a user was registered."""
+    edges = np.diff(registered.astype(int), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist()
+    return [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
+
+
+def _errors(simulation: Simulation, of: Told, reference: str, name: str) -> tuple[Array, Array]:
+    """(m,) m: how far off a device is at each update, and (m,) its frame in sigmas."""
+    said, track = of.users[name], simulation.recording.tracks.get(name)
+    if track is None:
+        place = (common_from_world(simulation, reference) @ simulation.world_from_user[name]).translation
+        frames, here = np.append(place, 0.0)[None], np.zeros((1, 3))
+        true = place[None]
+    else:
+        last = np.maximum(np.searchsorted(arrival_of(track), of.t) - 1, 0)
+        frames, here = true_frames_along(simulation, reference, name)[last], track.position[last]
+        true = apply_frames(frames, simulation.world_from_user[name].scale * here)
+    placed = apply_frames(said.frame[:, :4], said.frame[:, 4:] * here)
+    return np.linalg.norm(placed - true, axis=1), in_sigmas(said, frames)
+
+
+def in_sigmas(said: Said, frames: Array) -> Array:
+    """(m,) the largest error of x, y, z and yaw in units of what is said of it; 0 where nothing is said."""
+    sigma = np.sqrt(np.diagonal(said.covariance, axis1=1, axis2=2))
+    error = np.abs(difference(said.frame[:, :4], np.broadcast_to(frames, (len(sigma), 4)).copy()))
+    known = np.isfinite(sigma) & np.isfinite(error)
+    return np.asarray(np.divide(error, sigma, out=np.zeros_like(error), where=known).max(axis=1))
 
 
 def upper_bound(wrong: int, n: int) -> float:
@@ -110,28 +129,58 @@ def upper_bound(wrong: int, n: int) -> float:
     return 1.0 if wrong >= n else float(beta.ppf(CONFIDENCE, wrong + 1, n - wrong))
 
 
+def line_of(judged: Judged) -> str:
+    """For the file: an episode is a list of all that the scene does not say."""
+    fields = {**judged._asdict(), "episodes": [list(e[2:]) for e in judged.episodes]}
+    return json.dumps(fields) + "\n"
+
+
+def judged_of(line: str) -> Judged:
+    """The same scene again."""
+    fields = json.loads(line)
+    episodes = [Episode(fields["kind"], fields["seed"], *rest) for rest in fields.pop("episodes")]
+    return Judged(**fields, episodes=episodes)
+
+
+def all_of(seeds: Iterable[int], file: Path | None, processes: int | None) -> list[Judged]:
+    """Scenes, done now or before, and whatever else the file has."""
+    lines = file.read_text(encoding="utf-8").splitlines() if file is not None and file.exists() else []
+    done = {judged.seed: judged for judged in map(judged_of, lines)}
+    left = [seed for seed in seeds if seed not in done]
+    with Pool(processes) as pool:
+        for judged in pool.imap_unordered(judge, left):
+            if file is not None:
+                with file.open("a", encoding="utf-8") as out:
+                    out.write(line_of(judged))
+            done[judged.seed] = judged
+    return [done[seed] for seed in sorted(done)]
+
+
 def main() -> None:
     """The table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=1000)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--processes", type=int)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    found = [e for of_scene in on_all_cores(episodes, range(options.scenes)) for e in of_scene]
-    groups = {kind: [e for e in found if e.kind == kind] for kind in KINDS}
-    groups |= {
-        "devices right": [e for e in found if e.seed % 2 == 0],
-        "devices wrong": [e for e in found if e.seed % 2],
-    }
-    groups["all"] = found
-    print(write_table("replay_verdicts", [_row(name, of_group) for name, of_group in groups.items()], vars(options)))
-    for e in found:
-        if e.wrong:
-            print(f"{e.kind} scene {e.seed}, {e.user}, since {e.begin:.1f} s: {e.off:.2f} m, {e.sigmas:.1f} sigmas")
+    seeds = range(options.first_seed, options.first_seed + options.scenes)
+    scenes = all_of(seeds, options.out, options.processes)
+    groups = {kind: [s for s in scenes if s.kind == kind] for kind in KINDS}
+    groups |= {"devices right": [s for s in scenes if s.seed % 2 == 0]}
+    groups |= {"devices wrong": [s for s in scenes if s.seed % 2], "all": scenes}
+    rows = [_row(name, of_group) for name, of_group in groups.items()]
+    print(write_table("replay_verdicts", rows, {**vars(options), "out": str(options.out)}))
+    for e in (e for s in scenes for e in s.episodes if e.wrong):
+        print(f"{e.kind} scene {e.seed}, {e.user}, since {e.begin:.1f} s: {e.off:.2f} m, {e.sigmas:.1f} sigmas")
 
 
-def _row(group: str, mine: list[Episode]) -> dict[str, Any]:
+def _row(group: str, scenes: list[Judged]) -> dict[str, Any]:
+    mine = [e for s in scenes for e in s.episodes]
     wrong = sum(e.wrong for e in mine)
     return {
         "scenes": group,
+        "n": len(scenes),
         "with any": len({e.seed for e in mine}),
         "episodes": len(mine),
         f"off > {OFF} m": sum(e.off > OFF for e in mine),
@@ -139,6 +188,7 @@ def _row(group: str, mine: list[Episode]) -> dict[str, Any]:
         "wrong": wrong,
         "share": wrong / max(len(mine), 1),
         "at most (95 %)": upper_bound(wrong, len(mine)),
+        "CPU s a scene": sum(s.cpu for s in scenes) / max(len(scenes), 1),
     }
 
 

@@ -1,26 +1,39 @@
-"""Computing time of a registration, with the C++ kernel and with the same kernel in numpy.
+"""Computing time: of a rigid registration by its parts, of the batch solve, and of the live estimator's start.
 
-`python -m experiments.performance.bench`: free walks with clean ranges, rigid model. For each size: the search for a
-start (initialise), the joint solve from it to the first minimum, the same solve with the kernel in numpy (one
-vectorised CustomFactor a pair, as the C++ block; both with squared losses, from the same start), and the whole of
-`register`'s work (with mirror images, late bursts judged, covariances and verdicts). Medians, ms; compare within one
-run only.
+`python -m experiments.performance.bench [--tables rigid batch start] [--people 5 10 20] [--recordings FOLDER]`.
+
+rigid: free walks with clean ranges. For each size: the search for a start (initialise), the joint solve from it to the
+first minimum, the same solve with the kernel in numpy (one vectorised CustomFactor a pair, as the C++ block; both with
+squared losses, from the same start), the whole of `register`'s work (with mirror images, late bursts judged,
+covariances and verdicts): medians of CPU time (ms). What it tells of its own search and solve: the least of five (ms).
+
+batch: CPU seconds of `register` with the default model; a minute of clean free walks, all pairs ranging at the paper's
+rate, for so many people (50 people: 40 s), and recordings. start: as `experiments.live.start`.
+
+Times hang on the machine and its load: compare within one run only, or by the columns in yardsticks, a fixed
+computation that is done in the same process just before.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Callable
+from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import gtsam
 import numpy as np
 
+from experiments.common.cpu import cpu_seconds, yardstick_seconds
+from experiments.common.live import one_at_a_time
 from experiments.common.results import write_table
+from experiments.live import start
 from synchronizar._core import RangeBlock, Squared, UserPose
 from synchronizar.arrays import Array
+from synchronizar.data.recording import Recording
 from synchronizar.estimation.initialisation import joint_placements
 from synchronizar.estimation.register import register
 from synchronizar.graph import keys
@@ -32,10 +45,12 @@ from synchronizar.preprocessing.range_measurements import RangeMeasurements, pai
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
 
-SIZES = ((2, 100), (2, 1000), (2, 10000), (4, 100), (10, 100), (10, 1000))
+SIZES = ((2, 93), (2, 1000), (2, 10000), (4, 100), (10, 93), (10, 1000))
+PEOPLE, MOST_FOR_A_MINUTE = (5, 10, 20), 20
+START_PEOPLE, START_SEEDS = (2, 4, 8, 16), 3
 
 
-def row_of(users: int, ranges: int) -> dict[str, Any]:
+def rigid_row(users: int, ranges: int) -> dict[str, Any]:
     """Every stage for `users` users with `ranges` ranges a pair."""
     seconds = 12.0
     recording = simulate(Scene(users=users, seconds=seconds, rate_hz=ranges / seconds, seed=1)).recording
@@ -66,7 +81,32 @@ def row_of(users: int, ranges: int) -> dict[str, Any]:
     row["solve, numpy kernel"] = _ms(lambda: _solve(numpys, values))
     row["numpy / C++"] = row["solve, numpy kernel"] / row["solve"]
     row["register"] = _ms(lambda: register(recording, model="rigid"))
+    told = [register(recording, model="rigid").seconds for _ in range(5)]
+    row["its search + solve"] = 1e3 * min(of["initialise"] + of["solve"] for of in told)
+    row["in yardsticks"] = row["its search + solve"] / (1e3 * yardstick_seconds())
     return row
+
+
+def batch_row(task: int | Path) -> dict[str, Any]:
+    """`register` for so many people, or of a recording; all threads' CPU."""
+    if isinstance(task, Path):
+        name, recording = task.name, Recording.load(task)
+    else:
+        name, seconds = f"{task} people", 60.0 if task <= MOST_FOR_A_MINUTE else 40.0
+        recording = simulate(Scene(users=task, seconds=seconds, seed=1)).recording
+    yardstick, began, wall = yardstick_seconds(), cpu_seconds(), perf_counter()
+    registration = register(recording)
+    used = cpu_seconds() - began
+    return {
+        "recording": name,
+        "ranges": len(recording.ranges),
+        "CPU s": used,
+        "in yardsticks": used / yardstick,
+        "wall s": perf_counter() - wall,
+        "initialise s": registration.seconds["initialise"],
+        "solve s": registration.seconds["solve"],
+        "registered": sum(user.state == "registered" for user in registration.users.values()),
+    }
 
 
 def numpy_factor(i: UserKeys | FixedUser, j: UserKeys | FixedUser, s: RangeMeasurements) -> gtsam.CustomFactor:
@@ -109,20 +149,37 @@ def _solve(graph: gtsam.NonlinearFactorGraph, start: gtsam.Values) -> gtsam.Valu
 
 
 def _ms(work: Callable[[], Any]) -> float:
-    """The median of as many runs as half a second holds, at least three."""
+    """The median CPU time of as many runs as half a second holds, at least three."""
     times: list[float] = []
     while len(times) < 3 or (sum(times) < 0.5 and len(times) < 200):
-        begin = perf_counter()
+        begin = process_time()
         work()
-        times.append(perf_counter() - begin)
+        times.append(process_time() - begin)
     return 1e3 * median(times)
 
 
 def main() -> None:
-    """The table."""
-    rows = [row_of(users, ranges) for users, ranges in SIZES]
-    print(write_table("bench", rows, {"cores": os.cpu_count(), "load": os.getloadavg()}))
-    print(f"ms; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    """The tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    tables = ("rigid", "batch", "start")
+    parser.add_argument("--tables", nargs="+", choices=tables, default=tables)
+    parser.add_argument("--people", type=int, nargs="*", default=list(PEOPLE))
+    parser.add_argument("--recordings", type=Path, nargs="*", default=[], help="folders, for the batch table")
+    options = parser.parse_args()
+    settings = {"cores": os.cpu_count(), "load": os.getloadavg()}
+    if "rigid" in options.tables:
+        print(write_table("bench", [rigid_row(users, ranges) for users, ranges in SIZES], settings))
+        print("ms")
+    if "batch" in options.tables:
+        rows = list(one_at_a_time(batch_row, [*options.people, *options.recordings]))
+        print(write_table("bench_batch", rows, settings))
+    if "start" in options.tables:
+        rows = []
+        for users in START_PEOPLE:
+            tasks = [start.Task(users, seed, start.SECONDS, real_time=False) for seed in range(START_SEEDS)]
+            rows.append(start.row_of(users, list(one_at_a_time(start.walk, tasks)), real_time=False))
+        print(write_table("bench_start", rows, settings))
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, a yardstick {1e3 * yardstick_seconds():.1f} ms")
 
 
 if __name__ == "__main__":

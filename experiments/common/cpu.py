@@ -1,0 +1,71 @@
+"""CPU time and memory of this process and of all that it started."""
+
+from __future__ import annotations
+
+import os
+import resource
+import time
+from pathlib import Path
+
+_TICKS = os.sysconf("SC_CLK_TCK")
+_PAGE = os.sysconf("SC_PAGE_SIZE")
+# Of /proc/<pid>/stat behind the name: the parent's id, and clock ticks of its own and of children that have ended.
+_POSES = 2000
+_PARENT, _USED, _RESIDENT = 1, slice(11, 15), 21
+
+
+def cpu_seconds() -> float:
+    """s: of all threads of this process, of all processes that it started, and of theirs; ended or not (Linux)."""
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + ended.ru_utime + ended.ru_stime + sum(_used(row) for row in _descendants())
+
+
+def resident_mb() -> float:
+    """MB that this process and all that it started hold now, what they share counted once for each."""
+    own = _stat(Path("/proc/self"))
+    return sum(int(row[_RESIDENT]) for row in [*([own] if own else []), *_descendants()]) * _PAGE / 2**20
+
+
+def _used(row: list[str]) -> float:
+    return sum(int(ticks) for ticks in row[_USED]) / _TICKS
+
+
+def _descendants() -> list[list[str]]:
+    """The rows of all running processes below this one."""
+    below, rows = {os.getpid()}, {int(p.name): _stat(p) for p in Path("/proc").iterdir() if p.name.isdigit()}
+    out: list[list[str]] = []
+    while found := [n for n, row in rows.items() if row and n not in below and int(row[_PARENT]) in below]:
+        below.update(found)
+        out += [row for n in found if (row := rows[n])]
+    return out
+
+
+def _stat(process: Path) -> list[str] | None:
+    try:
+        return (process / "stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+
+
+def yardstick_seconds() -> float:
+    """CPU s, the least of three: gtsam eliminates a fixed chain of poses on the plane, C++ alone and small matrices.
+
+    Figures in multiples of it can be set beside those of another machine, or of a busy one.
+    """
+    import gtsam
+
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for n in range(_POSES):
+        values.insert(n, gtsam.Pose2(0.5 * n, 0.0, 0.1))
+        for back in (1, 10, 100):
+            if n >= back:
+                graph.add(gtsam.BetweenFactorPose2(n - back, n, gtsam.Pose2(0.5 * back, 0.0, 0.0), noise))
+    graph.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(), noise))
+    linear = graph.linearize(values)
+    seconds = []
+    for _ in range(3):
+        began = time.process_time()
+        linear.optimize()
+        seconds.append(time.process_time() - began)
+    return min(seconds)
