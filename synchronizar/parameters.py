@@ -252,6 +252,16 @@ class IntegrityParameters:
     """A user with a larger share of NLOS ranges is registered when its place has stayed ..."""
     watched_duration: float = 2.0
     """... for so many seconds: what a burst says is soon contradicted."""
+    innovation_windows: tuple[float, ...] = (1.0, 3.0, 10.0)
+    """s: over so long the residuals of ranges before their use are looked at, of those who are followed."""
+    innovation_sigmas: float = 3.0
+    """Sigmas: further off, such a range is too short, or too long, by more than noise."""
+    innovation_short_share: float = 0.1
+    """Share of ranges that may be too short; beyond it and chance (three sigmas) a user is not where it seems."""
+    innovation_fewest: int = 6
+    """Ranges that a share is taken from, at least, ..."""
+    innovation_many: int = 20
+    """... and so many where that share are misfits of either sign: NLOS comes in bursts of a second."""
     proven_duration: float = 5.0
     """s: until a user has been registered for so long, other placements are looked for all along."""
 

@@ -102,10 +102,10 @@ def assess_calibrated(
     found: list[Verdict | None] = []
     for u, verdict in enumerate(assessed.verdicts):
         if verdict is not None:
-            verdict = _with_calibration(verdict, variances[u], parameters)
+            verdict = with_calibration(verdict, variances[u], parameters)
             if u not in drifted:
                 sigma = float(np.sqrt(graph.prior_variances(u)[2]))
-                verdict = _with_height(verdict, float(heights[u]), sigma, parameters)
+                verdict = with_height(verdict, float(heights[u]), sigma, parameters)
         found.append(verdict)
     # States are judged beside the reference as it is now, errors told in the frame of its first pose: what the optima
     # differ by adds to both.
@@ -129,7 +129,7 @@ def _rejected(measurements: RangeMeasurements, inlier_probability: Array, user: 
     return float((inlier_probability[own] < 0.5).mean()) if own.any() else 0.0
 
 
-def _with_height(verdict: Verdict, above: float, sigma: float, parameters: Parameters) -> Verdict:
+def with_height(verdict: Verdict, above: float, sigma: float, parameters: Parameters) -> Verdict:
     """The verdict; unobservable where a registered user's height is too many sigmas off its prior."""
     if verdict.state is not State.REGISTERED or abs(above) < parameters.integrity.height_contradicted * sigma:
         return verdict
@@ -138,7 +138,7 @@ def _with_height(verdict: Verdict, above: float, sigma: float, parameters: Param
     return verdict._replace(state=State.UNOBSERVABLE, reason=reason)
 
 
-def _with_calibration(verdict: Verdict, variances: Array, parameters: Parameters) -> Verdict:
+def with_calibration(verdict: Verdict, variances: Array, parameters: Parameters) -> Verdict:
     """The verdict, with what of the calibration has a posterior variance above half the prior's."""
     own, common = calibration_sigmas(parameters)
     prior = own**2 + common**2

@@ -15,11 +15,12 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.graph import keys
+from synchronizar.graph.slot_factors import CALIBRATION_UNITS
 
 _THRESHOLDS = {
     "x": np.array([0.06, 0.06, 0.03]),  # m, m, rad
     "h": np.array([0.1]),  # m
-    "d": np.array([0.01, 0.05, 0.03]),  # log scale, m, s
+    "d": np.array([0.01, 0.05, 0.03]) / CALIBRATION_UNITS,  # log scale, m, s
 }
 """Estimates that are further from where they were linearised are linearised anew."""
 _NEVER = 10**9  # updates: iSAM2 linearises anew when it is told to, so that the order of time can be kept
@@ -77,7 +78,7 @@ class Follower:
             self._slots = dict(sorted(self._slots.items()))
         self._inserted.insert(keys.slot_pose(user, slot), gtsam.Pose2(*state.pose))
         self._inserted.insert(keys.slot_height(user, slot), state.height)
-        self._inserted.insert(keys.slot_calibration(user, slot), np.asarray(state.calibration, dtype=float))
+        self._inserted.insert(keys.slot_calibration(user, slot), state.calibration / CALIBRATION_UNITS)
 
     def put(self, name: Hashable, factor: gtsam.NonlinearFactor, slot: int) -> None:
         """A factor, instead of the one of the same name; `slot` is the earliest that it touches."""
@@ -181,7 +182,8 @@ class Follower:
             if len(touched) < factor.size():  # it tells of others too
                 linear.push_back(factor.linearize(values))
             self.drop(name)
-        gone = [key for key in linear.keys() if key in own] if linear.size() else []  # noqa: SIM118 - gtsam's
+        present = linear.keys()
+        gone = [key for key in sorted(own) if present.count(key)]
         if gone:
             _, left = linear.eliminatePartialSequential(keys.ordering(gone))
             for n in range(left.size()):
@@ -222,12 +224,16 @@ class Follower:
         pose = self._tree.calculateEstimatePose2(keys.slot_pose(user, slot))
         height = self._tree.calculateEstimateDouble(keys.slot_height(user, slot))
         calibration = self._tree.calculateEstimateVector(keys.slot_calibration(user, slot))
-        return SlotState((pose.x(), pose.y(), pose.theta()), height, calibration)
+        return SlotState((pose.x(), pose.y(), pose.theta()), height, calibration * CALIBRATION_UNITS)
 
-    def covariance(self, users: list[int], slot: int) -> Array:
-        """(7 k, 7 k) joint covariance of users at a slot: tangents of X, H and D of each in turn."""
-        wanted = gtsam.KeyVector(_keys(users, slot)) if hasattr(gtsam, "KeyVector") else _keys(users, slot)
-        return np.asarray(self._tree.jointMarginalCovariance(wanted).fullMatrix())
+    def covariance(self, at: Iterable[tuple[int, int]]) -> Array:
+        """(7 k, 7 k) joint covariance of users at slots: tangents of X, H and D of each (user, slot) in turn.
+
+        Raises RuntimeError where the graph does not determine them.
+        """
+        wanted = [key for user, slot in at for key in _keys([user], slot)]
+        units = np.tile(np.concatenate([np.ones(4), CALIBRATION_UNITS]), len(wanted) // 3)
+        return np.asarray(units[:, None] * self._tree.jointMarginalCovariance(wanted).fullMatrix() * units)
 
 
 def _keys(users: Iterable[int], slot: int) -> list[int]:

@@ -1,7 +1,7 @@
 """Factors of the graph that follows people: SLAM's steps from slot to slot, priors of those who join, ranges of a slot.
 
 Variables, per user and slot: X (Pose2) is the device's place in the common frame and how its SLAM's axes lie there, H
-(double, m) the device's height, D (Vector 3) log scale, radio bias (m) and clock offset (s). X is the relative frame
+(double, m) the device's height, D (Vector 3) log scale, radio bias and clock offset, in CALIBRATION_UNITS. X is the relative frame
 composed with SLAM's own pose of that moment, so a drift of the heading turns about the device.
 """
 
@@ -23,7 +23,12 @@ from synchronizar.parameters import Parameters
 if TYPE_CHECKING:
     from synchronizar._core import Loss
 
+CALIBRATION_UNITS = np.array([0.02, 0.05, 0.01])
+"""Log scale, m, s: D is in these. gtsam refuses a system in which one pivot is 4096 times the next, which clocks that
+drift by 0.1 ms beside heights that are known to a metre would be."""
+
 _STEP_DIMENSION = 4
+_SCALE_UNIT = float(CALIBRATION_UNITS[SCALE])
 _Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
 
 
@@ -52,7 +57,7 @@ def step_factor(user: int, begin: int, end: int, step: SlamStep, parameters: Par
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         a, b = values.atPose2(here), values.atPose2(there)
-        scale = exp(values.atVector(device)[SCALE])
+        scale = exp(values.atVector(device)[SCALE] * _SCALE_UNIT)
         yaw, turned = a.theta(), b.theta() - a.theta()
         turned -= 2.0 * pi * round(turned / (2.0 * pi))
         c, s = cos(yaw), sin(yaw)
@@ -67,9 +72,9 @@ def step_factor(user: int, begin: int, end: int, step: SlamStep, parameters: Par
             jacobians[1] = np.array([[0.0], [0.0], [-up], [0.0]])
             jacobians[2] = np.array(
                 [
-                    [-scale * dx * plane, 0.0, 0.0],
-                    [-scale * dy * plane, 0.0, 0.0],
-                    [-scale * dz * up, 0.0, 0.0],
+                    [-scale * _SCALE_UNIT * dx * plane, 0.0, 0.0],
+                    [-scale * _SCALE_UNIT * dy * plane, 0.0, 0.0],
+                    [-scale * _SCALE_UNIT * dz * up, 0.0, 0.0],
                     [0.0, 0.0, 0.0],
                 ]
             )
@@ -95,7 +100,7 @@ def calibration_walk_factor(
     """How scale, bias and clock of a device may change between two slots that are `duration` s apart."""
     devices = parameters.devices
     walk = np.array([devices.scale_walk, devices.bias_walk, devices.clock_walk]) * np.sqrt(duration)
-    noise = gtsam.noiseModel.Diagonal.Sigmas(walk)
+    noise = gtsam.noiseModel.Diagonal.Sigmas(walk / CALIBRATION_UNITS)
     here, there = keys.slot_calibration(user, begin), keys.slot_calibration(user, end)
     return gtsam.BetweenFactorVector(here, there, np.zeros(3), noise)
 
@@ -144,7 +149,7 @@ def joining_prior(
     rows = 4 * (len(new) + 1)
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        devices = np.array([values.atVector(key) for key in calibrations])
+        devices = np.array([values.atVector(key) for key in calibrations]) * CALIBRATION_UNITS
         scale = np.exp(devices[:, SCALE])
         level = np.array([values.atDouble(key) for key in heights]) - scale * z
         devices[:, CLOCK] += clock
@@ -156,7 +161,7 @@ def joining_prior(
                 by_device[:size, SCALE] = -root[0, :, n] * scale[n] * z[n]
                 for c in range(3):
                     by_device[(c + 1) * size : (c + 2) * size, c] = root[c + 1, :, n]
-                jacobians[2 * n], jacobians[2 * n + 1] = by_height, by_device
+                jacobians[2 * n], jacobians[2 * n + 1] = by_height, by_device * CALIBRATION_UNITS
         return np.concatenate([root[0] @ level, *(root[c + 1] @ devices[:, c] for c in range(3))])
 
     names = [key for pair in zip(heights, calibrations, strict=True) for key in pair]
@@ -186,6 +191,7 @@ class SlotRangeFactor(gtsam.CustomFactor):
                 at = values.atPose2(pose)
                 frames[n] = at.x(), at.y(), at.theta(), values.atDouble(height)
                 devices[n] = values.atVector(calibration)
+            devices *= CALIBRATION_UNITS
             out = np.zeros(rows)
             if jacobians is None:
                 local = np.zeros((len(users), 8))
@@ -199,7 +205,7 @@ class SlotRangeFactor(gtsam.CustomFactor):
                 at = 7 * n
                 jacobians[3 * n] = full[:, at : at + 3]
                 jacobians[3 * n + 1] = full[:, at + 3 : at + 4]
-                jacobians[3 * n + 2] = full[:, at + 4 : at + 7]
+                jacobians[3 * n + 2] = full[:, at + 4 : at + 7] * CALIBRATION_UNITS
             return full[:, -1]
 
         names = [key for triple in zip(poses, heights, calibrations, strict=True) for key in triple]

@@ -111,7 +111,7 @@ def range_measurements(recording: Recording, parameters: Parameters) -> RangeMea
     order = order[np.concatenate([[True], ~same])] if len(order) else order
 
     sigma = np.where(np.isnan(ranges.sigma), parameters.ranges.sigma, ranges.sigma)[order]
-    nlos_share = _nlos_share(ranges, parameters)[order]
+    share = nlos_share(ranges, parameters)[order]
     swapped = swap[order, None]
     return RangeMeasurements(
         i=i[order],
@@ -121,12 +121,12 @@ def range_measurements(recording: Recording, parameters: Parameters) -> RangeMea
         p_j=np.where(swapped, p_a[order], p_b[order]),
         distance=distance[order],
         sigma=sigma,
-        nlos_odds=nlos_share / (1.0 - nlos_share),
+        nlos_odds=share / (1.0 - share),
         row=order.astype(np.int32),
     )
 
 
-def _nlos_share(ranges: Ranges, parameters: Parameters) -> Array:
+def nlos_share(ranges: Ranges, parameters: Parameters) -> Array:
     """(n,) prior probability that each range is NLOS, before its residual is known.
 
     `nlos_share_blocked` where the radio reports NLOS; else by received minus first-path power (DW1000 user manual 4.7:

@@ -1,498 +1,672 @@
-"""Everybody's frame while people walk: the same graph as the batch solve's, over the recent past, told at any time.
+"""Everybody's frame while poses and ranges come: people are followed, and looked for beside that.
 
-Poses and ranges are added as they come; `advance` goes on with what is to be solved. What is too old for the window is
-carried as a Gaussian (carried.py) from where everybody was at its begin, which is always a moment that had been
-solved up to then: no range counts twice. While somebody's place is not known the window reaches back to that user's
-first range, two minutes at most, and the global search of the batch solve looks for it again and again; what was found
-before is never the only start. Those that are known are followed from the last solution, a portion of the work at each
-update, and checked for other placements now and then.
+Those whose places are known are followed by one graph (tracking.py): every range counts at once. Those whose places are
+not known are looked for in all that came lately (search.py), beside the following, in a process of their own where
+there is one. What a search finds is judged as the batch solve judges; who is registered is followed from then on, and
+still looked for until that has stood for a while. Ranges that contradict a user who is followed end that within a
+second (contradictions.py), and so does a jump of its SLAM until it is mended.
 """
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 
-from synchronizar.arrays import Array
-from synchronizar.cooperative import Cooperative, finish
+from synchronizar.arrays import Array, Indices
+from synchronizar.data.jump import Jump
 from synchronizar.data.recording import Recording
-from synchronizar.data.registration import Registration, State
+from synchronizar.data.registration import State
+from synchronizar.data.track import Track
 from synchronizar.data.user import User
-from synchronizar.estimation.answer import OwnFrames, registration_of
-from synchronizar.estimation.assessment import assess_calibrated
-from synchronizar.estimation.hypotheses import places
-from synchronizar.estimation.incremental.cues import Cue, cue_of
-from synchronizar.estimation.incremental.solution import Solution
-from synchronizar.estimation.incremental.stream import Stream, Stretch
-from synchronizar.estimation.incremental.window import Window
-from synchronizar.estimation.incremental.window_state import Checkpoint, Memory, beginning, load, save
-from synchronizar.geometry import YawFrame, moved_frames, rotation_2d, wrap_angle
+from synchronizar.estimation.incremental.contradictions import Contradictions
+from synchronizar.estimation.incremental.members import Members
+from synchronizar.estimation.incremental.range_log import RangeLog
+from synchronizar.estimation.incremental.searcher import Searcher
+from synchronizar.estimation.incremental.slot_ranges import SERIAL
+from synchronizar.estimation.incremental.snapshot import Candidate, Found, FoundUser, SlotPoses, Snapshot
+from synchronizar.estimation.incremental.standing import Placed, Standing
+from synchronizar.estimation.incremental.tracking import JoiningUser, Tracking
+from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.marginal_prior import MarginalPrior
-from synchronizar.graph.marginals import Errors, Marginals, errors_of, marginalized, marginals_of
-from synchronizar.graph.pose_graph import LocalOptimum
-from synchronizar.graph.problem import Problem
-from synchronizar.graph.states import SCALE
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
-from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions
+from synchronizar.preprocessing.pose_stream import PoseStream, SetAside, Tail
+from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, yaw_of_quaternions, yaw_quaternion
 
-_NO_MORE = object()
-_SAID = ("states", "known", "since", "steady", "registered")
-_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
-_RECENT_WALK = 1.0  # s: in which somebody's way shows
+_LONG_AGO = -1e9  # s: a track of one pose there covers no range
+_NOWHERE = Track(np.array([_LONG_AGO]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
 _WATCHED_AT = 0.9  # of the progress: while a user is watched
-_PARTING = 0.25  # of the largest error: minima that are further apart at some corner of a walk may part
-_SETTLED_ENOUGH = 20  # ranges: fewer tell nothing worth a search
+_FIRST_SEARCH = 1.0  # s after the first range
+_PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
 
 
 class Engine:
     """Frames of users while poses and ranges come; users by their index. `Estimator` is its face, by names."""
 
-    def __init__(self, users: tuple[User, ...], reference: str, parameters: Parameters | None = None) -> None:
-        """`users` sorted by name. KeyError where `reference` is none of them; it must not stand still."""
-        moving = {u.name: n for n, u in enumerate(users) if not u.static}
-        self._begin_with(Stream(users), beginning(len(users), moving[reference]), parameters or Parameters())
+    def __init__(
+        self, users: tuple[User, ...], reference: int, parameters: Parameters | None = None, workers: int = 0
+    ) -> None:
+        """`users` sorted by name; the reference moves. `workers`: processes that search, 0 or 1."""
+        self.users, self.reference = users, reference
+        self.parameters = parameters or Parameters()
+        self.streams = [None if user.static else PoseStream(self.parameters) for user in users]
+        self.log = RangeLog(self.parameters)
+        self.tracking = Tracking(users, self.streams, self.parameters)
+        self.standings = [Standing() for _ in users]
+        self.now = -np.inf
+        self.shift = np.zeros(3)
+        """(3,) m: where the graph's origin lies in the common frame."""
+        self.searched = -np.inf
+        self.alternatives: list[tuple[float, dict[int, Array]]] = []
+        self._candidates: tuple[Candidate, ...] = ()
+        self._found: Found | None = None
+        self._range_weight: float | None = None
+        self._followed_until = 0
+        self._searcher = Searcher(workers)
+        self._contradictions = Contradictions(self.parameters)
+        self._members: Members | None = None
+        self._extents: dict[int, Array] = {}
+        self._spread: dict[int, float] = {}
+        self._events: list[str] = []
+        self._judged = -1
+        self._checked = -np.inf
 
-    def _begin_with(self, stream: Stream, memory: Memory, parameters: Parameters) -> None:
-        self.users, self.stream, self.memory, self.parameters = stream.users, stream, memory, parameters
-        self.solution: Solution | None = None
-        self._cues: dict[int, Cue] = {}
-        self._untold: list[str] = []
-        self._work: Cooperative[None] | None = None
-        self._searched, self._searching = -np.inf, True
-        self._near = np.zeros(len(self.users))
+    def close(self) -> None:
+        """End its process."""
+        self._searcher.close()
 
-    def save(self, path: str | Path) -> None:
-        """Write all that it knows to a file. Raises InputError where that cannot be."""
-        self._finish()
-        save(path, self.stream, self.memory)
+    # What comes
 
-    @classmethod
-    def load(cls, path: str | Path, parameters: Parameters | None = None) -> Engine:
-        """Go on from a file that `save` wrote. Raises InputError where it is none."""
-        out = cls.__new__(cls)
-        out._begin_with(*load(path), parameters or Parameters())
-        if np.isfinite(out.memory.solved):
-            # For its solution alone: what was said of everybody stands until the next solve is due.
-            said = {name: copy(getattr(out.memory, name)) for name in _SAID}
-            out._begin_to_solve(True)
-            out._finish()
-            for name, of_all in said.items():
-                setattr(out.memory, name, of_all)
-            out._untold = []
-        return out
+    def add_pose(self, user: int, t: float, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
+        """A device's own pose: s by its own clock, m, in its own frame."""
+        stream = self.streams[user]
+        if stream is not None:
+            stream.add(t, position, quat_xyzw)
 
-    def add_pose(self, user: str, t: float, position: Array, quat_xyzw: Array) -> None:
-        """A device's own pose: s by its own clock, (3,) m and (4,) x y z w in its own frame."""
-        self.stream.add_pose(user, t, position.tolist(), quat_xyzw.tolist())
-
-    def add_range(self, t: float, a: str, b: str, distance: float, **optional: float) -> None:
+    def add_range(self, t: float, a: int, b: int, distance: float, **optional: float) -> None:
         """A distance (m) by the ranges' clock (s); `optional` are further columns of `Ranges`."""
-        for user in self.stream.add_range(t, a, b, distance, optional):
-            self.memory.since.setdefault(user, t)
+        if not np.isfinite(self.tracking.origin):
+            self.tracking.origin = float(np.floor(t))
+        if self.log.add(t, a, b, distance, optional):
+            for user in (a, b):
+                if self.standings[user].since is None:
+                    self.standings[user].since = t
+
+    def lost_tracking(self, user: int) -> None:
+        """A device's SLAM has lost itself: what it tells from now on need not continue what it told before."""
+        self._restart(user, "its SLAM lost track")
+
+    def new_session(self, user: int) -> None:
+        """A device's SLAM began anew, in another frame."""
+        self._restart(user, "its SLAM began anew")
+
+    def _restart(self, user: int, why: str) -> None:
+        if self.streams[user] is None:
+            return
+        self._unfollow(user)
+        self.streams[user] = PoseStream(self.parameters)
+        self.standings[user].begin_again(self.now, State.UNOBSERVABLE, f"{why}: it is looked for anew")
+        self._tell(user)
+
+    def add_user(self, user: User) -> None:
+        """One more user, the last by index."""
+        self.users = (*self.users, user)
+        self.streams.append(None if user.static else PoseStream(self.parameters))
+        self.standings.append(Standing())
+        self.tracking.add_user(user)
+
+    # Time goes on
 
     def advance(self, t: float) -> list[str]:
-        """It is `t` (s, range clock): go on with what is to be solved. Returns what has happened, a sentence each.
+        """It is `t` (s, range clock): follow, take in what a search found, begin the next one.
 
-        A solve that goes on from the last one is done in some thirty portions of a few milliseconds each; a search
-        for those whose place is not known is done at once. To be called ten times a second or more often.
+        Returns what has happened, a sentence each. To be called ten times a second or more often.
         """
-        self._at(t)
-        if self._searching:
-            self._finish()
-        else:
-            self._portion()
-        return self._tell()
+        self.now = max(self.now, t)
+        self._notice_slam()
+        self._follow()
+        self._take_found()
+        if not self._searcher.busy and self._search_due():
+            self._begin_search()
+            self._take_found()
+        self._judge_members()
+        events, self._events = self._events, []
+        return events
 
     def complete(self, t: float) -> list[str]:
-        """As `advance`, and solve for all that has come, due or not."""
-        self._at(t)
-        self._finish()
-        if self.stream.added != self.memory.seen:
-            self._begin_to_solve(True)
-            self._finish()
-        return self._tell()
+        """As `advance`, and search once more in all that has come."""
+        for stream in self.streams:
+            if stream is not None:
+                stream.settle()
+        events = self.advance(t)
+        if self._sought() and not self._searcher.busy:
+            self._begin_search()
+            self._take_found()
+            self._judge_members()
+        return [*events, *self._events]
 
-    def _at(self, t: float) -> None:
-        self.memory.now = max(self.memory.now, t)
-        if self.stream.added == self.memory.seen or self.memory.now < self._due():
+    def _tell(self, user: int) -> None:
+        standing = self.standings[user]
+        self._events.append(f"{self.users[user].name}: {standing.state}: {standing.reason}")
+
+    def _notice_slam(self) -> None:
+        """Jumps and doubts of devices' SLAM."""
+        for user, stream in enumerate(self.streams):
+            if stream is None:
+                continue
+            for event in stream.take_events():
+                if isinstance(event, Jump):
+                    what = f"its SLAM jumped by {event.distance:.2f} m and {np.degrees(event.turn):.0f} deg: mended"
+                    self._events.append(f"{self.users[user].name}: {what}")
+                elif isinstance(event, SetAside):
+                    self._events.append(f"{self.users[user].name}: {event.poses} {event.reason} poses are set aside")
+
+    # Following
+
+    def _follow(self) -> None:
+        rows = self.log.since(self._followed_until)
+        self._followed_until = self.log.added
+        tracking = self.tracking
+        if not tracking.members:
             return
-        if self._work is None or self._search_due():
-            self._finish()
-            self._begin_to_solve(self._search_due() or self._check_due())
+        if len(rows):
+            i, j = self.log.users(rows)
+            members = list(tracking.members)
+            tracking.add(self.log.to_follow(rows[np.isin(i, members) & np.isin(j, members)]))
+        doubted = {u for u, stream in enumerate(self.streams) if stream is not None and stream.suspect is not None}
+        try:
+            tracking.advance(self.now, doubted)
+            self._members = Members(tracking, self.reference, self.shift)
+        except RuntimeError:  # gtsam: the graph is singular, which no prior lets happen; all are looked for anew
+            self._give_up()
+            return
+        self._contradictions.add(tracking.take_innovations(self._spread), self.now)
+        for user in tracking.members:
+            self.standings[user].placed = self._members.placed(user)
 
-    def _begin_to_solve(self, searching: bool) -> None:
-        self._searching = searching
-        if self._searching:
-            self._searched = self.memory.now
-        self.memory.seen, self.memory.solved = self.stream.added, self.memory.now
-        self._work = self._solving(self._searching)
+    def _give_up(self) -> None:
+        """Follow nobody any more: what the graph knew is lost."""
+        for user in list(self.tracking.members):
+            if user != self.reference:
+                self.standings[user].begin_again(self.now, State.UNOBSERVABLE, "it is looked for anew")
+                self._tell(user)
+        origin = self.tracking.origin
+        self.tracking = Tracking(self.users, self.streams, self.parameters)
+        self.tracking.origin = origin
+        self._members = None
 
-    def _portion(self) -> None:
-        if self._work is not None and next(self._work, _NO_MORE) is _NO_MORE:
-            self._work = None
-
-    def _finish(self) -> None:
-        work, self._work = self._work, None
-        if work is not None:
-            finish(work)
-
-    def _tell(self) -> list[str]:
-        """What has happened and was not told yet."""
-        untold, self._untold = self._untold, []
-        return untold
-
-    def state(self, user: int) -> State:
-        """Of a user at this moment."""
-        return self.memory.states.get(user, State.REGISTERED if user == self.memory.reference else State.DISCONNECTED)
+    def _unfollow(self, user: int) -> None:
+        """Follow a user no more."""
+        if user not in self.tracking.members:
+            return
+        self._contradictions.forget(user)
+        self.tracking.leave(user)
+        if len(self.tracking.members) == 1:  # nobody beside whom to be
+            self._give_up()
+        self._members = Members(self.tracking, self.reference, self.shift) if self.tracking.members else None
 
     @property
-    def reference(self) -> int:
-        """Whose frame the common one is."""
-        return self.memory.reference
+    def gauge(self) -> int:
+        """The user beside whom the others are judged: the reference, or who ranges most where that ranges no more."""
+        tracking = self.tracking
+        if not tracking.members or self.reference in tracking.members:
+            return self.reference
+        return max(tracking.members, key=lambda u: (tracking.members[u].slot, not self.users[u].static, -u))
 
-    def is_registered(self, user: int) -> bool:
-        """Whether a user has a placement that can be relied on."""
-        return self.solution is not None and self.state(user) is State.REGISTERED
+    # Searching
 
-    def progress(self, user: int) -> float:
-        """0 .. 1 of how near a user is to being registered."""
-        if self.state(user) is State.REGISTERED:
-            return 1.0
-        return float(np.nan_to_num(self._near[user]))
-
-    def cue(self, user: int) -> Cue | None:
-        """Which way a user who is not registered should walk; None where that would not help."""
-        return self._cues.get(user)
-
-    def _cue(self, user: int, before: Cue | None) -> Cue | None:
-        solution, frame = self.solution, self.frame(user)
-        if solution is None or frame is None or self.users[user].static or self.state(user) is not State.UNOBSERVABLE:
-            return None
-        measurements, frames = solution.graph.measurements, solution.last_poses
-        mine = (measurements.i == user) | (measurements.j == user)
-        partners = [u for u in np.unique([measurements.i[mine], measurements.j[mine]]).tolist() if u != user]
-        now = [self.stream.last_pose(u) for u in partners]
-        others = np.array(
-            [
-                frames[u, :3] if pose is None else solution.pose(u, pose[1:4], _IDENTITY)[0]
-                for u, pose in zip(partners, now, strict=True)
-            ]
-        )
-        recent = self.stream.poses_since(user, _RECENT_WALK)
-        ends = np.array([solution.pose(user, row[1:4], _IDENTITY)[0] for row in recent[[0, -1]]])
-        velocity = (ends[1] - ends[0])[:2] / max(float(recent[-1, 0] - recent[0, 0]), 0.1)
-        placement = solution.told.hypotheses[0]
-        turned = placement._replace(frames=frames, covariances=_turned(placement.covariances, solution.common[3]))
-        names = [self.users[u].name for u in partners]
-        return cue_of(
-            turned, user, ends[1], others, velocity, solution.told.extent[user], names, before, self.parameters
-        )
-
-    def _registered(self) -> set[int]:
-        return {u for u, state in self.memory.states.items() if state is State.REGISTERED}
-
-    # When, and since when
-
-    def _unknown(self) -> list[int]:
-        """Users that range and whose place is not known."""
-        return [u for u in self.memory.since if u not in self.memory.known]
-
-    def _due(self) -> float:
-        """When the next solve is: each keyframe; while nobody is known, when the next search is."""
-        follow = self.memory.solved + self.parameters.slam.keyframe_interval
-        if not self._unknown():
-            return follow
-        followed = self.solution is not None and len(self.memory.known) > 1
-        return min(follow, self._next_search()) if followed else self._next_search()
+    def _sought(self) -> list[int]:
+        """Users that range and are not proven."""
+        return [
+            u for u, s in enumerate(self.standings) if s.since is not None and not s.proven and u != self.gauge
+        ]
 
     def _search_due(self) -> bool:
-        return bool(self._unknown()) and self.memory.now >= self._next_search()
-
-    def _check_due(self) -> bool:
-        """Whether those that are known are to be looked at anew, with what else might explain their ranges."""
-        return not self._unknown() and self.memory.now >= self._searched + self.parameters.incremental.check_interval
-
-    def _next_search(self) -> float:
-        """Those whose place is not known are looked for ever more seldom."""
-        looked = self._searched - min(self.memory.since[u] for u in self._unknown())
-        return self._searched + max(
-            self.parameters.incremental.search_interval, self.parameters.incremental.search_growth * looked
-        )
-
-    def _move_window(self) -> None:
-        """Begin the window as late as all that must be in it allows, and never earlier than before."""
-        m, memory = self.parameters, self.memory
-        latest = memory.now - m.incremental.window
-        for u in self._unknown():
-            latest = min(latest, max(memory.since[u], memory.now - m.search.first_stretch))
-        needed = memory.known & memory.since.keys() - {memory.gauge}
-        able = [n for n, c in enumerate(memory.checkpoints) if c.t <= latest and all(c.has(user) for user in needed)]
-        if able and able[-1] > 0:
-            begun, memory.checkpoints = memory.begin, memory.checkpoints[able[-1] :]
-            if self.solution is not None and self.solution.checkpoint is begun:
-                # Where everybody's frame lies is known better than it was then, its scale above all.
-                common = self.solution.anchor_at(memory.gauge, float(memory.begin.begin[memory.gauge]))
-                memory.checkpoints[0] = replace(memory.begin, common=common)
-
-    # The solve
-
-    def _solving(self, searching: bool) -> Cooperative[None]:
-        """All that came until now.
-
-        Those whose place is not known are judged where all is `searching` for them; between searches they stay
-        where the last one found them, and so does the window, for nothing of theirs is carried.
-        """
-        memory, m, now = self.memory, self.parameters, self.memory.now
-        if searching or not self._unknown():
-            self._move_window()
-        self._hand_over()
-        begin = memory.begin
-        stretch = self.stream.stretch(begin.begin, begin.axes, begin.lift)
-        repaired_tracks = {}
-        for name, track in stretch.recording.tracks.items():
-            yield
-            repaired_tracks[name] = repair_relocalizations(track, m)
-        repaired = replace(stretch.recording, tracks={name: of.track for name, of in repaired_tracks.items()})
-        problem = Problem.of(repaired, memory.gauge, m)
-        self._part(problem.active_users)
-        last = None if searching and self._unknown() else self._last()
-        if last is not None:
-            problem = problem.among(last.graph.active_users)
-        active_users = problem.active_users
-        if len(problem.measurements) < _SETTLED_ENOUGH:
-            return
-        marginal_prior = _of(begin.marginal_prior, active_users, memory.known)
-        window = Window(problem, repaired_tracks, marginal_prior, memory.noise, memory.range_weight)
-        yield
-        minima, noise = yield from window.minima(last, searching)
-        yield
-        memory.noise, memory.range_weight = noise, float(minima[0].em_weights.range_weight.mean())
-        best = minima[0]
-        errors = yield from errors_of(best.graph, best.states, best.em_weights)
-        sure = marginals_of(best.graph, best.states, errors)
-        before = self.solution
-        self.solution = self._told(begin, stretch, repaired, repaired_tracks, minima, noise, sure)
-        yield
-        self._judge(active_users if searching else [u for u in active_users if u in memory.known], now, before)
-        self._remember(stretch, errors, now)
-        self._cues, cues = {}, self._cues
-        for u in active_users:
-            cue = self._cue(u, cues.get(u))
-            if cue is not None:
-                self._cues[u] = cue
-
-    def _last(self) -> LocalOptimum | None:
-        """The last solution goes on where the window begins where that one's began."""
-        last = self.solution
-        return last.minima[0] if last is not None and last.checkpoint is self.memory.begin else None
-
-    def _hand_over(self) -> None:
-        """Where the user that windows are told about ranges no more, another takes its place; the frame stays."""
-        late = self.stream.ranges_since(self.memory.now - self.parameters.incremental.window)[:, 1:].astype(int)
-        heard = np.bincount(late.ravel(), minlength=len(self.users))
-        marginal_prior = self.memory.begin.marginal_prior
-        if heard[self.memory.gauge] or marginal_prior is None:
-            return
-        able = [u for u in marginal_prior.free if u in self.memory.known and heard[u] and not self.users[u].static]
-        if able:
-            heir = max(able, key=lambda u: heard[u])
-            memory = self.memory
-            memory.checkpoints = [c.beside(heir) for c in memory.checkpoints if c.has(heir)]
-            memory.gauge = heir
-
-    def _part(self, active_users: list[int]) -> None:
-        """Those who were known and to whom no chain of ranges leads any more: they are looked for when they return."""
-        gone = [
-            u for u, state in self.memory.states.items() if state is not State.DISCONNECTED and u not in active_users
-        ]
-        if (
-            self.memory.gauge != self.memory.reference
-            and self.memory.reference not in self.memory.states
-            and self.memory.reference not in active_users
-        ):
-            gone.append(self.memory.reference)
-        for u in gone:
-            self.memory.states[u] = State.DISCONNECTED
-            self.memory.known.discard(u)
-            for times in (self.memory.since, self.memory.steady, self.memory.registered):
-                times.pop(u, None)
-            self._untold.append(f"{self.users[u].name}: {State.DISCONNECTED}: no chain of ranges leads to it any more")
-
-    def _told(
-        self,
-        begin: Checkpoint,
-        stretch: Stretch,
-        repaired: Recording,
-        repaired_tracks: dict[str, RepairedTrack],
-        minima: list[LocalOptimum],
-        noise: Array,
-        sure: Marginals,
-    ) -> Solution:
-        axes, lift = begin.axes.copy(), begin.lift.copy()
-        for u, user in enumerate(self.users):
-            if not user.static:
-                axes[u] = multiply_quaternions(repaired_tracks[user.name].repaired_from_slam[-1], begin.axes[u])
-                if not np.isnan(stretch.end[u]):
-                    lift[u] = repaired_tracks[user.name].track.position[-1, 2] - stretch.last[u, 2]
-        common = begin.common
-        if begin.marginal_prior is None:
-            best = minima[0]
-            scale = float(np.exp(best.states.calibration[self.memory.gauge, SCALE]))
-            common = np.append(scale * best.graph.keyframes[self.memory.gauge].anchor, 0.0)
-        told = assess_calibrated(minima, self._registered(), sure)
-        return Solution(begin, stretch, minima, told, common, axes, lift, noise, repaired)
-
-    def _judge(self, active_users: list[int], now: float, before: Solution | None) -> None:
-        """New states, and what changed; `before` is the solution before this one."""
-        assert self.solution is not None
-        self._near[active_users] = self.solution.told.progress[active_users]
-        said, rejected = self.solution.told.verdicts, self._rejected(now)
-        for u in active_users:
-            verdict = said[u]
-            if verdict is None or u == self.memory.gauge:
-                continue
-            state, reason = verdict.state, verdict.reason
-            if u in self.memory.known and rejected[u] > self.parameters.integrity.largest_rejected:
-                self.memory.known.discard(u)
-                self.memory.since[u] = now
-                self.memory.steady.pop(u, None)
-                state, reason = State.UNOBSERVABLE, f"{rejected[u]:.0%} of its last ranges do not fit"
-            elif state is not State.REGISTERED:
-                self.memory.steady.pop(u, None)
-            elif self.state(u) is State.REGISTERED or self._is_steady(u, rejected[u], now, before):
-                since = self.memory.registered.setdefault(u, now)
-                proven = u in self.memory.known or now - since >= self.parameters.integrity.proven_duration
-                (self.memory.known.add if proven and self._is_single(u) else self.memory.known.discard)(u)
-            else:
-                self._near[u] *= _WATCHED_AT
-                state, reason = State.UNOBSERVABLE, "its place is known, if it stays there: it is watched on"
-            if state is not State.REGISTERED:
-                self.memory.registered.pop(u, None)
-            if state is not self.state(u):
-                self._untold.append(f"{self.users[u].name}: {state}: {reason}")
-            self.memory.states[u] = state
-
-    def _is_steady(self, user: int, rejected: float, now: float, before: Solution | None) -> bool:
-        """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are late."""
-        solution, last, m = self.solution, self.stream.last_pose(user), self.parameters
-        assert solution is not None
-        if now - self.memory.since[user] < m.integrity.least_duration:
+        sought = self._sought()
+        m = self.parameters.incremental
+        if not sought:
+            return bool(self.tracking.members) and self.now >= max(self.searched, self._checked) + m.check_interval
+        first = min(s for u in sought if (s := self.standings[u].since) is not None)
+        if self.now < first + _FIRST_SEARCH:
             return False
-        if rejected <= m.integrity.watched_share:
+        interval = max(m.search_interval, m.search_growth * (self.now - first))
+        if all(self.standings[u].is_registered for u in sought):
+            interval = max(interval, _PROVING_INTERVAL)
+        return self.now >= self.searched + interval
+
+    def _window_begin(self) -> float:
+        """s: the earliest moment that following and searches still need."""
+        m = self.parameters
+        begin = self.now - m.incremental.window
+        since = [self.standings[u].since for u in self._sought()]
+        longest = 2.0 * m.incremental.window if self.tracking.members else m.search.first_stretch
+        return min([begin, *(max(s, self.now - longest) for s in since if s is not None)])
+
+    def _begin_search(self) -> None:
+        sought = self._sought()
+        checking = not sought
+        gauge = self.gauge
+        if checking:
+            sought = [u for u in self.tracking.members if u != gauge]
+            self._checked = self.now
+        self.searched = self.now
+        begin = self._search_begin(sought)
+        snapshot = self._snapshot(begin, gauge, sought, checking)
+        if len(snapshot.serial):
+            self._searcher.begin(snapshot)
+
+    def _search_begin(self, sought: list[int]) -> float:
+        if self.tracking.members:
+            return self.tracking.begin_of(next(iter(self.tracking.follower.slots)))
+        first = min((s for u in sought if (s := self.standings[u].since) is not None), default=self.now)
+        return max(first, self.now - self.parameters.search.first_stretch)
+
+    def _snapshot(self, begin: float, gauge: int, sought: list[int], checking: bool) -> Snapshot:
+        tracks, segments, poses, first = {}, {}, {}, np.full(len(self.users), -np.inf)
+        slots = list(range(self.tracking.slot_of(begin), self.tracking.slot_of(self.now) + 1))
+        for u, (user, stream) in enumerate(zip(self.users, self.streams, strict=True)):
+            if stream is None:
+                poses[u] = SlotPoses(slots, np.zeros(len(slots) + 1), np.zeros((len(slots) + 1, 3)))
+                continue
+            stamp = begin + float(self.tracking.assumed_clock[u])
+            tail = stream.tail(stamp)
+            if not len(tail.t):
+                tracks[user.name], segments[user.name] = _NOWHERE, np.zeros(1, dtype=np.int32)
+                first[u] = np.inf
+                continue
+            tracks[user.name], segments[user.name] = _track_from(stream, stamp, tail)
+            if u != gauge and u not in self.tracking.members:
+                first[u] = float(tail.t[0]) - float(self.tracking.assumed_clock[u])
+            stamps = np.array([self.tracking.begin_of(n) for n in slots]) + self.tracking.assumed_clock[u]
+            known = stream.at(stamps)
+            there = np.flatnonzero(known.valid)
+            poses[u] = SlotPoses(
+                [slots[n] for n in there.tolist()],
+                np.append(stamps[there], tail.t[-1]),
+                np.concatenate([known.position[there], tail.position[-1:]]),
+            )
+        rows = self.log.rows
+        rows = rows[np.lexsort([rows[:, -1], rows[:, 0]])]
+        a, b = self.log.users(rows)
+        rows = rows[rows[:, 0] > np.maximum(begin, np.maximum(first[a], first[b]))]
+        prior = None if checking else self._prior(gauge, sought, poses)
+        return Snapshot(
+            self.now,
+            Recording(self.users, tracks, self.log.ranges(rows)),
+            rows[:, -1].astype(np.int32),
+            segments,
+            gauge,
+            tuple(sought),
+            prior,
+            self.tracking.noise,
+            self._range_weight,
+            self._candidates,
+            poses,
+            tuple(u for u, s in enumerate(self.standings) if s.is_registered),
+            self.parameters,
+        )
+
+    def _prior(self, gauge: int, sought: list[int], poses: dict[int, SlotPoses]) -> MarginalPrior | None:
+        """What is known of those who are followed and not sought, at their first slots.
+
+        With the covariance of now: how vague frames are beside one another hardly changes within a window.
+        """
+        tracking, members = self.tracking, self._members
+        known = [u for u in sorted(tracking.members) if u not in sought and u in poses]
+        if members is None or gauge not in known or len(known) < 2:
+            return None
+        frames, calibration = np.full((len(self.users), 4), np.nan), np.zeros((len(self.users), 3))
+        for u in known:
+            slot = next(slot for slot, users in tracking.follower.slots.items() if u in users)
+            stamp, place = tracking.stamp_at(u, slot)
+            x, y, yaw, height = tracking.state_at(u, slot)[:4].tolist()
+            calibration[u] = tracking.members[u].state[4:]
+            calibration[u, 2] += tracking.assumed_clock[u]
+            frames[u] = x, y, height - float(np.exp(calibration[u, 0])) * float(place[2]), yaw
+        return members.marginal_prior(known, gauge, frames, calibration)
+
+    def _take_found(self) -> None:
+        """Judge what a search found, and follow those who are registered by it."""
+        ended, found = self._searcher.poll()
+        if not ended or found is None or found.gauge not in found.users:
+            return
+        common = self._common_from_graph(found)
+        if common is None:
+            return
+        self._candidates, self._range_weight = found.candidates, found.range_weight
+        self.tracking.noise = found.noise.copy()
+        self._found = found
+        self.alternatives = []
+        sought = self._sought()
+        joining: dict[int, JoiningUser] = {}
+        for u in found.users:
+            if u == found.gauge:
+                continue
+            if u in sought:
+                self._judge_found(u, found, common)
+                own = found.users[u]
+                vague = own.verdict.state is State.AMBIGUOUS or not own.single
+                if not vague and u not in self.tracking.members and (joined := self._joining(u, found, common)):
+                    joining[u] = joined
+            elif u in self.tracking.members:
+                self._check_member(u, found, common)
+        self._alternatives_of(found, common)
+        # Who is not registered yet is followed too, for the others are beside it; but somebody must be, to begin with.
+        if joining and (self.tracking.members or any(self.standings[u].is_registered for u in joining)):
+            self._join(joining, found, common)
+
+    def _common_from_graph(self, found: Found) -> Array | None:
+        """(4,) x, y, z, yaw: the common frame from that of a search; None where its gauge is followed no more."""
+        gauge, own = found.gauge, found.users[found.gauge]
+        members = self.tracking.members
+        if not members:
+            self.shift = float(np.exp(own.calibration[0])) * found.anchor
+            return np.append(self.shift, 0.0)
+        if gauge not in members:
+            return None
+        slots = [n for n in found.poses[gauge].slots if self.tracking.has(gauge, n)]
+        if not slots:
+            return None
+        slot = slots[-1]
+        x, y, yaw, height = self.tracking.state_at(gauge, slot)[:4].tolist()
+        there = own.states[found.poses[gauge].slots.index(slot)]
+        turn = wrap_angle(float(yaw - there[3]))
+        place = np.array([x, y, height]) + self.shift - apply_frames(np.array([0.0, 0.0, 0.0, turn]), there[:3])
+        return np.append(place, turn)
+
+    def _judge_found(self, user: int, found: Found, common: Array) -> None:
+        """The new state of a user who was sought."""
+        standing, own = self.standings[user], found.users[user]
+        before = standing.placed
+        placed = self._placed(user, own, found, common)
+        state, reason = own.verdict.state, own.verdict.reason
+        follows = user in self.tracking.members
+        standing.progress = own.progress
+        if state is State.REGISTERED and follows and self._elsewhere(user, placed):
+            self._unfollow(user)
+            follows = False
+        if state is State.REGISTERED and not (standing.is_registered or self._is_steady(standing, own, before, placed)):
+            standing.progress *= _WATCHED_AT
+            state, reason = State.UNOBSERVABLE, "its place is known, if it stays there: it is watched on"
+        if state is State.REGISTERED:
+            if standing.registered_at is None:
+                standing.registered_at = found.t
+            proven = found.t - standing.registered_at >= self.parameters.integrity.proven_duration
+            standing.proven = proven and own.single
+        else:
+            standing.registered_at, standing.proven = None, False
+            if follows and (own.verdict.state is State.AMBIGUOUS or not own.single or self._elsewhere(user, placed)):
+                self._unfollow(user)
+                follows = False
+            if state is not State.UNOBSERVABLE or own.verdict.state is not State.REGISTERED:
+                standing.steady_since = None
+        if not follows:
+            standing.placed, standing.verdict = placed, own.verdict
+        changed = state is not standing.state
+        standing.state, standing.reason = state, reason
+        if changed:
+            self._tell(user)
+
+    def _placed(self, user: int, own: FoundUser, found: Found, common: Array) -> Placed:
+        """A user as a search found it, in the common frame."""
+        turn = np.eye(6)
+        c, s = np.cos(common[3]), np.sin(common[3])
+        turn[:2, :2] = [[c, -s], [s, c]]
+        place = apply_frames(common, own.place[:3])
+        yaw = wrap_angle(float(own.place[3] + common[3]))
+        state = np.array([place[0], place[1], yaw, place[2], *own.calibration])
+        covariance = turn @ own.covariance @ turn.T
+        return Placed(found.poses[user].places[-1], state, covariance, own.calibration_sigma)
+
+    def _elsewhere(self, user: int, placed: Placed) -> bool:
+        """Whether a search has a user somewhere else than it is followed to be."""
+        followed = self.standings[user].placed
+        if followed is None:
+            return False
+        there = self._at(placed, followed.place)
+        m = self.parameters.integrity
+        turn = abs(wrap_angle(float(placed.state[2] - followed.state[2])))
+        here = np.array([*followed.state[:2], followed.state[3]])
+        apart = float(np.linalg.norm(there - here))
+        return apart > 0.5 * m.largest_error or turn > 0.5 * m.largest_yaw_error
+
+    def _at(self, placed: Placed, place: Array) -> Array:
+        """(3,) m: where a place (3,) in a user's repaired SLAM frame is in the common one."""
+        x, y, yaw, height, log_scale = placed.state[:5].tolist()
+        frame = np.array([x, y, height, yaw])
+        return np.asarray(apply_frames(frame, np.exp(log_scale) * (place - placed.place)))
+
+    def _is_steady(self, standing: Standing, own: FoundUser, before: Placed | None, placed: Placed) -> bool:
+        """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are NLOS."""
+        m = self.parameters.integrity
+        assert standing.since is not None
+        if self.now - standing.since < m.least_duration:
+            return False
+        if own.rejected <= m.watched_share:
             return True
-        since = self.memory.steady.setdefault(user, now)
-        if last is not None and before is not None:
-            here, there = (s.pose(user, last[1:4], _IDENTITY)[0] for s in (solution, before))
-            turn = abs(wrap_angle(float(solution.last_poses[user, 3] - before.last_poses[user, 3])))
-            if not (
-                np.linalg.norm(here - there) < 0.5 * m.integrity.largest_error
-                and turn < 0.5 * m.integrity.largest_yaw_error
-            ):
-                since = self.memory.steady[user] = now
-        return now - since >= m.integrity.watched_duration
+        if standing.steady_since is None or before is None:
+            standing.steady_since = self.now
+        else:
+            apart = float(np.linalg.norm(self._at(before, placed.place) - self._at(placed, placed.place)))
+            turn = abs(wrap_angle(float(placed.state[2] - before.state[2])))
+            if apart > 0.5 * m.largest_error or turn > 0.5 * m.largest_yaw_error:
+                standing.steady_since = self.now
+        return self.now - standing.steady_since >= m.watched_duration
 
-    def _is_single(self, user: int) -> bool:
-        """Whether one minimum alone is left for a user: of two that are still near only searches see both part."""
-        assert self.solution is not None
-        told = self.solution.told
-        where = np.array([places(m.frames, told.extent)[user, :, :2] for m in told.hypotheses[0].components_of(user)])
-        return bool(np.linalg.norm(where - where[0], axis=2).max() < _PARTING * self.parameters.integrity.largest_error)
+    def _check_member(self, user: int, found: Found, common: Array) -> None:
+        """A user who is followed was looked for anew: whether it may be somewhere else."""
+        own = found.users[user]
+        placed = self._placed(user, own, found, common)
+        if own.verdict.state is State.AMBIGUOUS or (
+            own.verdict.state is State.REGISTERED and self._elsewhere(user, placed)
+        ):
+            self._unfollow(user)
+            reason = "another placement explains its ranges as well"
+            self.standings[user].begin_again(self.now, State.AMBIGUOUS, reason)
+            self._tell(user)
 
-    def _rejected(self, now: float) -> Array:
-        """(k,) the share of each user's latest ranges that are taken for late or worse."""
-        assert self.solution is not None
-        measurements, inlier_probability = self.solution.graph.measurements, self.solution.told.inlier_probability
-        late = measurements.t > now - self.parameters.incremental.recent
-        out = np.zeros(len(self.users))
-        for u in range(len(self.users)):
-            mine = late & ((measurements.i == u) | (measurements.j == u))
-            if mine.sum() >= _SETTLED_ENOUGH:
-                out[u] = float((inlier_probability[mine] < 0.5).mean())
-        return out
+    def _joining(self, user: int, found: Found, common: Array) -> JoiningUser | None:
+        """A user's slots, as a search found it, in the graph's frame."""
+        own, poses = found.users[user], found.poses[user]
+        if not poses.slots:
+            return None
+        at = np.column_stack([apply_frames(np.broadcast_to(common, own.states.shape), own.states[:, :3]) - self.shift])
+        yaw = wrap_angle(own.states[:, 3] + common[3])
+        clock = 0.0 if self.users[user].static else float(own.calibration[2])
+        rest = np.tile([own.calibration[0], own.calibration[1], 0.0], (len(at), 1))
+        states = np.column_stack([at[:, :2], yaw, at[:, 2], rest])
+        return JoiningUser(poses.slots, poses.stamps[:-1], poses.places[:-1], states, clock)
 
-    def _remember(self, stretch: Stretch, errors: Errors, now: float) -> None:
-        """A checkpoint, and what no window can reach any more forgotten."""
-        solution = self.solution
-        assert solution is not None
-        best = solution.minima[0]
-        unknown = {u for u in best.graph.active_users if u not in self.memory.known}
-        own_height = stretch.last[:, 2] + solution.lift
-        marginal_prior = marginalized(best.graph, best.states, errors, own_height).without(unknown)
-        marginal_prior = marginal_prior.aged(
-            self.parameters.devices.clock_walk**2 * float(np.ptp(best.graph.measurements.t))
-        )
-        reference = moved_frames(solution.common, best.frames)[self.memory.gauge]
-        reference[2] -= solution.scale(self.memory.gauge) * own_height[self.memory.gauge]
-        spread = solution.covariances[self.memory.gauge, :4, :4]
-        begin = np.where(np.isnan(stretch.end), self.memory.begin.begin, stretch.end)
-        self.memory.checkpoints.append(
-            Checkpoint(now, begin, solution.axes, solution.lift, marginal_prior, reference, spread)
-        )
-        if np.isfinite(self.memory.begin.t):
-            self.stream.forget(self.memory.begin.begin, self.memory.begin.t - 1.0)
+    def _join(self, joining: dict[int, JoiningUser], found: Found, common: Array) -> None:
+        """Follow more users."""
+        tracking = self.tracking
+        begins = None
+        if not tracking.members:
+            gauge = self._joining(found.gauge, found, common)
+            if gauge is None:
+                return
+            joining = {found.gauge: gauge, **joining}
+            begins = found.gauge
+        tracking.join(joining, begins)
+        members = list(tracking.members)
+        rows = self.log.rows
+        i, j = self.log.users(rows)
+        new = list(joining)
+        between = np.isin(i, members) & np.isin(j, members) & (np.isin(i, new) | np.isin(j, new))
+        tracking.add(self.log.to_follow(rows[between]))
+        try:
+            tracking.advance(self.now, set(), settle=True)
+            self._members = Members(tracking, self.reference, self.shift)
+        except RuntimeError:
+            self._give_up()
+            return
+        tracking.take_innovations({})
+        for user in tracking.members:
+            self.standings[user].placed = self._members.placed(user)
+
+    def _alternatives_of(self, found: Found, common: Array) -> None:
+        """The joint placements of a search, where there is more than one."""
+        if len(found.alternatives) < 2:
+            return
+        best = found.alternatives[0][0]
+        for cost, last in found.alternatives:
+            frames = {}
+            for u in found.users:
+                place = np.append(apply_frames(common, last[u, :3]), wrap_angle(float(last[u, 3] + common[3])))
+                frames[u] = self._own_frame(u, place, float(found.users[u].calibration[0]), found.poses[u].places[-1])
+            self.alternatives.append((max(cost - best, 0.0), frames))
+
+    # Verdicts on those who are followed
+
+    def _judge_members(self) -> None:
+        """Once a slot: who is still registered among those who are followed; and at any time who is contradicted."""
+        tracking, members = self.tracking, self._members
+        if members is None:
+            return
+        gauge = self.gauge
+        contradicted = self._contradictions.found(self.now, gauge)
+        if contradicted is not None:
+            user, reason = contradicted
+            self._contradict(user, reason)
+            return
+        slot = tracking.slot_of(self.now)
+        if slot == self._judged:
+            return
+        self._judged = slot
+        self._forget()
+        recent = tracking.rejected(self.now - self.parameters.incremental.recent)
+        for user in list(tracking.members):
+            standing = self.standings[user]
+            if user == gauge or user not in members.order:
+                continue
+            tracked = tracking.members[user]
+            since = tracked.stamp - (self.now - self._window_begin())
+            extent = members.extent(user, since)
+            verdict, near, _ = members.verdict(
+                user, gauge, extent, float(recent[user]), standing.is_registered
+            )
+            relative = members.relative(user, gauge)
+            self._spread[user] = float(np.sqrt(max(np.linalg.eigvalsh(relative[:2, :2])[-1], 0.0)))
+            standing.verdict, standing.progress = verdict, near
+            stream = self.streams[user]
+            state, reason = verdict.state, verdict.reason
+            if state is not standing.state:
+                standing.state, standing.reason = state, reason
+                self._tell(user)
+            standing.reason = reason
+
+    def _contradict(self, user: int, reason: str) -> None:
+        """A user's latest ranges contradict it: it is looked for in what comes from now on."""
+        self._unfollow(user)
+        self._contradictions.forget(user)
+        self.standings[user].contradicted = user == self.reference
+        self.standings[user].begin_again(self.now, State.UNOBSERVABLE, reason)
+        self._tell(user)
+
+    def _forget(self) -> None:
+        """What nothing needs any more."""
+        begin = self._window_begin()
+        tracking = self.tracking
+        if tracking.members:
+            tracking.forget(tracking.slot_of(begin))
+        for u, stream in enumerate(self.streams):
+            if stream is not None:
+                stream.forget(begin + float(tracking.assumed_clock[u]) - 2.0)
+        self.log.forget(begin - 1.0)
 
     # What is told
 
-    def registration(self) -> Registration:
-        """The last solution, about the users' own origins where their last poses are. ValueError before the first.
+    @property
+    def solved(self) -> bool:
+        """Whether anything was found yet."""
+        return self._found is not None
 
-        `ranges` are those of the window, by time.
+    def state(self, user: int) -> State:
+        """Of a user at this moment."""
+        standing, stream = self.standings[user], self.streams[user]
+        if user == self.reference and not standing.contradicted:
+            return State.REGISTERED
+        if self.standings[self.reference].contradicted and standing.is_registered:
+            return State.UNOBSERVABLE
+        if standing.is_registered and stream is not None and stream.suspect is not None:
+            return State.UNOBSERVABLE
+        return standing.state
+
+    def reason(self, user: int) -> str:
+        """Why the state is what it is."""
+        standing, stream = self.standings[user], self.streams[user]
+        if user == self.reference and not standing.contradicted:
+            return "the reference: its frame is the common one"
+        if self.standings[self.reference].contradicted and standing.is_registered:
+            return "the reference's own track is contradicted"
+        if standing.is_registered and stream is not None and stream.suspect is not None:
+            return f"its SLAM may have {'stopped' if stream.suspect.kind == 'frozen' else 'jumped'}"
+        return standing.reason
+
+    def jumps(self, user: int) -> tuple[Jump, ...]:
+        """Those of a user's SLAM that were found and mended."""
+        stream = self.streams[user]
+        return () if stream is None else tuple(stream.jumps)
+
+    def own_frame(self, user: int, placed: Placed) -> Array:
+        """(4,) x, y, z, yaw: common_from_user of a placed user, for its newest poses."""
+        x, y, yaw, height, log_scale = placed.state[:5].tolist()
+        return self._own_frame(user, np.array([x, y, height, yaw]), log_scale, placed.place)
+
+    def pose(self, user: int, position: Array, quat_xyzw: Array) -> tuple[Array, Array] | None:
+        """A pose of SLAM's own (3,), (4,) in the common frame, SLAM followed since the user was placed; None: nowhere.
+
+        The reference is at its own SLAM's pose before anything is solved.
         """
-        solution = self.solution
-        if solution is None:
-            raise ValueError("nothing was solved yet")
-        verdicts = list(solution.told.verdicts)
-        for u, verdict in enumerate(verdicts):
-            if verdict is not None and u in self.memory.states:
-                verdicts[u] = verdict._replace(state=self.memory.states[u])
-            if verdict is not None and u == self.memory.gauge != self.memory.reference:
-                verdicts[u] = verdict._replace(reason="the others are placed beside it")
-        assessed = solution.told._replace(verdicts=verdicts, covariances=solution.covariances, joint=None)
-        scale = np.array([solution.scale(u) for u in range(len(self.users))])
-        turned = yaw_of_quaternions(solution.axes)
-        own = OwnFrames(scale, turned, solution.stretch.last, solution.common, np.zeros(3))
-        reference, count = self.users[self.memory.reference].name, len(solution.stretch.recording.ranges)
-        out = registration_of(assessed, own, reference, count, {"load": 0.0, "initialise": 0.0, "solve": 0.0})
-        users = {
-            user.name: replace(out.users[user.name], slam_noise=(float(place), float(heading)))
-            for user, (place, heading) in zip(self.users, solution.noise, strict=True)
-            if not user.static and out.users[user.name].state is not State.DISCONNECTED
-        }
-        return replace(out, users={**out.users, **users})
-
-    def frame(self, user: int) -> YawFrame | None:
-        """`common_from_user` at the user's last pose; None where it has no placement."""
-        if (
-            self.solution is None
-            or np.isnan(self.solution.last_poses[user, 0])
-            or self.state(user) is State.DISCONNECTED
-        ):
+        stream, placed = self.streams[user], self.standings[user].placed
+        if stream is None or (placed is None and (user != self.reference or self.tracking.members)):
             return None
-        last = self.stream.last_pose(user)
-        position = np.zeros(3) if last is None else last[1:4]
-        place, _ = self.solution.pose(user, position, _IDENTITY)
-        yaw = wrap_angle(
-            float(self.solution.last_poses[user, 3]) + float(yaw_of_quaternions(self.solution.axes[user : user + 1])[0])
-        )
-        scale = self.solution.scale(user)
-        x, y, z = (place - YawFrame(yaw=yaw, scale=scale) @ position).tolist()
-        known = self.users[user]
-        return YawFrame(x, y, z, yaw, scale, "z" if known.static else known.up)
+        place, attitude = stream.current_axes().repaired(position, quat_xyzw)
+        if placed is None:
+            return place, attitude
+        return self._at(placed, place), multiply_quaternions(yaw_quaternion(float(placed.state[2])), attitude)
+
+    def range_verdicts(self, serial: Array) -> tuple[Array, Array, Array, Array]:
+        """Of ranges by running index (n,): usable, probability of line of sight, weight (1/m^2), measured - predicted."""
+        n = len(serial)
+        usable, inlier, weight, residual = np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n), np.full(n, np.nan)
+        order = np.argsort(serial)
+        if self._found is not None:
+            of = self._found.ranges
+            at, there = _rows_of(of.serial, serial, order)
+            usable[at], inlier[at], weight[at] = True, of.inlier_probability[there], of.weight[there]
+            residual[at] = of.residual[there]
+        rows = self.tracking.ranges.rows
+        if len(rows):
+            followed, off, bring = self.tracking.range_verdicts()
+            at, there = _rows_of(rows[:, SERIAL].astype(int), serial, order)
+            usable[at], inlier[at], weight[at], residual[at] = True, followed[there], bring[there], off[there]
+        return usable, inlier, weight, residual
+
+    def _own_frame(self, user: int, place: Array, log_scale: float, at: Array) -> Array:
+        """(4,) x, y, z, yaw: common_from_user of a user whose device is at `place` (4,), SLAM's `at` (3,) repaired."""
+        stream = self.streams[user]
+        turned, offset = 0.0, np.zeros(3)
+        if stream is not None:
+            axes = stream.current_axes()
+            turned, offset = float(yaw_of_quaternions(axes.quat_xyzw[None])[0]), axes.offset
+        arm = apply_frames(np.array([0.0, 0.0, 0.0, place[3]]), np.exp(log_scale) * (at - offset))
+        return np.append(place[:3] - arm, wrap_angle(float(place[3] + turned)))
 
 
-def _of(marginal_prior: MarginalPrior | None, active_users: list[int], known: set[int]) -> MarginalPrior | None:
-    """What is carried of those that are there and whose places are still believed."""
-    if marginal_prior is None:
-        return None
-    return marginal_prior.without({u for u in marginal_prior.users if u not in active_users or u not in known})
+def _track_from(stream: PoseStream, stamp: float, tail: Tail) -> tuple[Track, Indices]:
+    """A track from a stamp on, and the segments of its poses; it begins there where the pose is known."""
+    t, position, quat, segment = tail.t, tail.position, tail.quat_xyzw, tail.segment
+    first = stream.at(np.array([stamp]))
+    if first.valid[0] and t[0] > stamp:
+        t, segment = np.append(stamp, t), np.append(segment[0], segment)
+        position, quat = np.concatenate([first.position, position]), np.concatenate([first.quat_xyzw, quat])
+    return Track(t, position, normalized_quaternions(quat)), segment
 
 
-def _turned(covariances: Array, yaw: float) -> Array:
-    """Covariances (k, 4, 4) of x, y, z, yaw in axes that are turned."""
-    turn = np.eye(4)
-    turn[:2, :2] = rotation_2d(yaw)
-    return np.asarray(turn @ covariances @ turn.T)
+def _rows_of(known: Array, serial: Array, order: Array) -> tuple[Array, Array]:
+    """Where those of `serial` stand that are known, and which of the known ones they are."""
+    at = np.searchsorted(serial, known, sorter=order)
+    there = np.flatnonzero(at < len(serial))
+    there = there[serial[order[at[there]]] == known[there]]
+    return order[at[there]], there

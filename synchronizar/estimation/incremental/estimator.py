@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -17,6 +18,8 @@ from synchronizar.data.registration import RangeVerdicts, Registration, State, U
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.incremental.engine import Engine
+from synchronizar.estimation.incremental.told import registration_now
+from synchronizar.estimation.incremental.state_file import load, save
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.parameters import Parameters
 
@@ -38,17 +41,26 @@ class Estimator:
         up: Up = "z",
         reference: str | None = None,
         parameters: Parameters | None = None,
+        workers: int | None = None,
     ) -> None:
         """`users`: names, or settings by name as in recording.toml (static, up, height_sigma, antennas).
 
         `up`: which axis points up in the poses of users whose settings do not say, "z" or "y". `reference`: whose frame
-        the common one is; None: the first by name that moves more than 0.5 m. Raises ValueError naming the argument.
+        the common one is; None: the first by name that moves more than 0.5 m. `workers`: 0 searches within `advance`,
+        and is deterministic; 1 in a process of its own, so that nobody waits for it; None: 1 where there is more than
+        one core. Raises ValueError naming the argument.
         """
+        if workers not in (None, 0, 1):
+            raise ValueError(f"workers: must be 0, 1 or None, not {workers!r}")
+        self._workers = _usual_workers() if workers is None else int(workers)
+        self._up: Up = up
         self.users = _users(users, up)
         self.refused: Counter[str] = Counter()
         """How many poses and ranges were no measurement, by what was wrong with them; they are left out."""
         self._index = {user.name: u for u, user in enumerate(self.users)}
+        """Where each user stands in `users`, by name."""
         self._parameters = parameters or Parameters()
+        self._at_first = len(self.users)
         self._engine: Engine | None = None
         self._waiting: list[Callable[[Engine], None]] = []
         self._extent: dict[str, tuple[Array, Array]] = {}
@@ -69,7 +81,8 @@ class Estimator:
         Raises ValueError that names the argument for an unknown or static user, a wrong shape or type. A value that no
         device can mean (NaN, a zero quaternion) is refused: counted in `refused`, told by `advance`.
         """
-        known = self.users[self._known("user", user)]
+        known_as = self._known("user", user)
+        known = self.users[known_as]
         if known.static:
             raise ValueError(f"user: {user!r} is static: it has no poses")
         stamp = _number("t", t)
@@ -83,7 +96,7 @@ class Estimator:
         z_up = YawFrame(up_b=known.up)
         place, quat = z_up @ place, z_up.rotate_quaternions(quat / length)
         self._see(user, place)
-        return self._do(lambda engine: engine.add_pose(user, stamp, place, quat))
+        return self._do(lambda engine: engine.add_pose(known_as, stamp, place.tolist(), quat.tolist()))
 
     def add_range(
         self,
@@ -122,7 +135,39 @@ class Estimator:
             return self._refuse(f"{a} and {b}: a sigma that is not positive")
         if columns.get("nlos", 0.0) not in (0.0, 1.0):
             return self._refuse(f"{a} and {b}: an nlos that is neither 0 nor 1")
-        return self._do(lambda engine: engine.add_range(stamp, a, b, measured, **columns))
+        return self._do(lambda engine: engine.add_range(stamp, ends[0], ends[1], measured, **columns))
+
+    def add_user(self, name: str, **settings: Any) -> None:
+        """One more user, with settings as in recording.toml. Raises ValueError for a name that is there, or a setting."""
+        if name in self._index:
+            raise ValueError(f"name: there is a user {name!r} already")
+        (user,) = _known_users({name: settings}, self._up)
+        self.users = (*self.users, user)
+        self._index[name] = len(self.users) - 1
+        self._do(lambda engine: engine.add_user(user))
+
+    def lost_tracking(self, user: str) -> None:
+        """A device says that its SLAM lost track: the user is not registered until it is found anew.
+
+        What its poses tell from now on need not continue what they told before. Raises ValueError for an unknown user.
+        """
+        known_as = self._moving(user)
+        self._do(lambda engine: engine.lost_tracking(known_as))
+
+    def new_session(self, user: str) -> None:
+        """A device says that its SLAM began anew, in another frame: it is looked for anew.
+
+        Raises ValueError for an unknown user.
+        """
+        known_as = self._moving(user)
+        self._do(lambda engine: engine.new_session(known_as))
+
+    def _moving(self, user: str) -> int:
+        """The index of a user who has SLAM."""
+        known_as = self._known("user", user)
+        if self.users[known_as].static:
+            raise ValueError(f"user: {user!r} is static: it has no SLAM")
+        return known_as
 
     def advance(self, t: float) -> list[str]:
         """It is `t` (s, range clock): go on with what is to be solved. Returns what has happened, a sentence each.
@@ -154,13 +199,17 @@ class Estimator:
         """Write all that it knows to a file. Raises InputError where that cannot be, or there is nothing yet."""
         if self._engine is None:
             raise InputError(path, f"there is nothing to save: {_NOBODY_MOVED}")
-        self._engine.save(path)
+        save(self._engine, path)
 
     @classmethod
-    def load(cls, path: str | Path, parameters: Parameters | None = None) -> Estimator:
-        """Go on from a file that `save` wrote. Raises InputError where it is none."""
-        engine = Engine.load(path, parameters)
-        out = cls({user.name: _settings(user) for user in engine.users}, parameters=parameters)
+    def load(
+        cls, path: str | Path, parameters: Parameters | None = None, workers: int | None = None
+    ) -> Estimator:
+        """Go on from a file that `save` wrote, and say what the saved one said. Raises InputError where it is none."""
+        engine = load(path, parameters or Parameters(), _usual_workers() if workers is None else workers)
+        out = cls({user.name: _settings(user) for user in engine.users}, parameters=parameters, workers=workers)
+        out.users = engine.users
+        out._index = {user.name: u for u, user in enumerate(out.users)}
         out._engine = engine
         return out
 
@@ -179,7 +228,7 @@ class Estimator:
             call(self._engine)
 
     def _begin(self, reference: str) -> None:
-        self._engine = Engine(self.users, reference, self._parameters)
+        self._engine = Engine(self.users[: self._at_first], self._index[reference], self._parameters, self._workers)
         waiting, self._waiting = self._waiting, []
         for call in waiting:
             call(self._engine)
@@ -195,28 +244,19 @@ class Estimator:
         return min((u for u, (low, high) in self._extent.items() if np.linalg.norm(high - low) > least), default=None)
 
 
-def registration_now(engine: Engine) -> Registration:
-    """What an engine knows now, as `register` tells it, about each user's last pose."""
-    reference = engine.users[engine.reference].name
-    if engine.solution is None:
-        users = {user.name: _disconnected(user, "nothing is solved yet") for user in engine.users}
-        return Registration(reference, "full", "joint", users, (), _no_ranges(), _no_seconds())
-    told = engine.registration()
-    now = {}
-    for u, (name, user) in enumerate(told.users.items()):
-        cue, frame = engine.cue(u), engine.frame(u)
-        now[name] = replace(
-            user,
-            common_from_user=frame,
-            covariance=None if frame is None else user.covariance,
-            progress=engine.progress(u),
-            cue=None if cue is None else cue.sentence,
-        )
-    return replace(told, users=now)
+def _usual_workers() -> int:
+    return 1 if (os.cpu_count() or 1) > 1 else 0
 
 
 def _users(users: Iterable[str] | Mapping[str, Mapping[str, Any]], up: Up) -> tuple[User, ...]:
     """By name; raises ValueError that names the argument."""
+    out = _known_users(users, up)
+    if all(user.static for user in out):
+        raise ValueError("users: somebody must move to have a frame")
+    return tuple(sorted(out, key=lambda user: user.name))
+
+
+def _known_users(users: Iterable[str] | Mapping[str, Mapping[str, Any]], up: Up) -> list[User]:
     if isinstance(users, str):
         raise ValueError("users: must be several names, not one string")
     if up not in ("y", "z"):
@@ -236,9 +276,7 @@ def _users(users: Iterable[str] | Mapping[str, Mapping[str, Any]], up: Up) -> tu
             out.append(User(name, **own))
         except (TypeError, ValueError) as error:
             raise ValueError(f"users: {name!r}: {error}") from None
-    if all(user.static for user in out):
-        raise ValueError("users: somebody must move to have a frame")
-    return tuple(sorted(out, key=lambda user: user.name))
+    return out
 
 
 def _settings(user: User) -> dict[str, Any]:

@@ -11,13 +11,13 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
-from synchronizar.data.registration import RangeVerdicts, Registration
+from synchronizar.data.registration import RangeVerdicts, Registration, State
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Replay, Update, UserUpdate
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.reasons import with_reasons
 from synchronizar.estimation.incremental.engine import Engine
-from synchronizar.estimation.incremental.estimator import registration_now
+from synchronizar.estimation.incremental.told import registration_now, user_now
 from synchronizar.estimation.register import reference_of, register
 from synchronizar.parameters import Parameters
 
@@ -36,11 +36,10 @@ def replay(
     parameters = parameters or Parameters()
     began = perf_counter()
     ref = reference_of(recording, reference, parameters)
-    engine = Engine(recording.users, recording.users[ref].name, parameters)
-    rows: dict[str, list[Array]] = {name: [] for name in recording.tracks}
+    engine = Engine(recording.users, ref, parameters)
+    rows: list[list[Array]] = [[] for _ in recording.users]
     updates: list[Update] = []
     known = _Known(engine, recording)
-    names = [user.name for user in recording.users]
     columns = {f.name: getattr(recording.ranges, f.name).tolist() for f in fields(Ranges)}
     tick: int | None = None
 
@@ -56,19 +55,16 @@ def replay(
             tick = None
         if user < 0:
             optional = {name: columns[name][row] for name in _OPTIONAL if columns[name][row] == columns[name][row]}
-            a, b = names[columns["a"][row]], names[columns["b"][row]]
-            engine.add_range(t, a, b, columns["distance"][row], **optional)
-            known.rows.append(row)
+            engine.add_range(t, columns["a"][row], columns["b"][row], columns["distance"][row], **optional)
             tick = int(np.floor(t * A_SECOND))
             continue
-        track = recording.tracks[names[user]]
+        track = recording.tracks[recording.users[user].name]
         position, quat = track.position[row], track.quat_xyzw[row]
-        engine.add_pose(names[user], t, position, quat)
-        if engine.solution is not None and engine.is_registered(user):
-            place, attitude = engine.solution.pose(user, position, quat)
-            rows[names[user]].append(np.concatenate([[t], place, attitude]))
+        engine.add_pose(user, t, position.tolist(), quat.tolist())
+        if engine.state(user) is State.REGISTERED and (placed := engine.pose(user, position, quat)) is not None:
+            rows[user].append(np.concatenate([[t], *placed]))
     tell(engine.complete)
-    tracks = {name: _track(np.array(of_user)) for name, of_user in rows.items() if of_user}
+    tracks = {user.name: _track(np.array(of)) for user, of in zip(recording.users, rows, strict=True) if of}
     seconds = {"load": 0.0, "initialise": 0.0, "solve": perf_counter() - began}
     found = findings_of(recording, parameters)
     return Replay(updates, tracks, with_reasons(known.registration(tracks, seconds), found))
@@ -79,47 +75,56 @@ class _Known:
 
     def __init__(self, engine: Engine, recording: Recording) -> None:
         self.engine, self.recording = engine, recording
-        self.rows: list[int] = []
         n = len(recording.ranges)
         self._usable, self._used = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self._weight, self._residual = np.zeros(n), np.full(n, np.nan)
-        self._covariances: list[Array | None] = [None] * len(recording.users)
+        self._slot = -1
+        self._order = np.argsort(recording.ranges.t, kind="stable")
 
     def update(self, t: float, advance: Callable[[float], list[str]]) -> Update:
         """Go on to a moment, and tell."""
-        engine, before, began = self.engine, self.engine.solution, perf_counter()
+        engine, began = self.engine, perf_counter()
         events = advance(t)
+        now = [user_now(engine, u) for u in range(len(engine.users))]
         seconds = perf_counter() - began
-        if engine.solution is not None and engine.solution is not before:
-            self._read()
-        users = {}
-        for u, user in enumerate(self.recording.users):
-            frame, cue = engine.frame(u), engine.cue(u)
-            covariance = None if frame is None else self._covariances[u]
-            users[user.name] = UserUpdate(
+        self._read(t)
+        users = {
+            user.name: UserUpdate(
                 engine.state(u),
-                frame,
-                covariance,
-                engine.progress(u),
+                user.common_from_user,
+                user.covariance,
+                user.progress or 0.0,
                 user.static,
-                None if cue is None else cue.sentence,
+                user.cue,
             )
+            for u, user in enumerate(now)
+        }
         return Update(t, seconds, users, events)
 
-    def _read(self) -> None:
-        """The verdicts of a new solution."""
-        solution, told = self.engine.solution, self.engine.registration()
-        assert solution is not None
-        self._covariances = [user.covariance for user in told.users.values()]
-        of_window, usable = told.ranges, told.ranges.usable
-        at = np.array(self.rows)[solution.stretch.serial[usable]]
-        self._usable[at], self._used[at] = True, of_window.used[usable]
-        self._weight[at], self._residual[at] = of_window.weight[usable], of_window.residual[usable]
+    def _read(self, t: float) -> None:
+        """The verdicts on the ranges of the recent past, once a second."""
+        if np.floor(t) == self._slot:
+            return
+        self._slot = int(np.floor(t))
+        self.read()
+
+    def read(self) -> None:
+        """The verdicts on the ranges of the recent past."""
+        serial = self.engine.log.rows[:, -1].astype(int)
+        usable, inlier, weight, residual = self.engine.range_verdicts(serial)
+        at = self.rows_of(serial[usable])
+        self._usable[at], self._used[at] = True, inlier[usable] > 0.5
+        self._weight[at], self._residual[at] = weight[usable], residual[usable]
+
+    def rows_of(self, serial: Array) -> Array:
+        """Rows of the recording, by running index: ranges are told in the order of time."""
+        return self._order[serial]
 
     def registration(self, tracks: dict[str, Track], seconds: dict[str, float]) -> Registration:
         """At the end, about each user's last pose."""
+        self.read()
         ranges = RangeVerdicts(self._usable, self._used, self._weight, self._residual)
-        if self.engine.solution is None:
+        if not self.engine.solved:
             measured = self.recording.ranges
             nothing = replace(self.recording, ranges=replace(measured, distance=np.full(len(measured), np.nan)))
             return replace(register(nothing, self.recording.users[self.engine.reference].name), ranges=ranges)

@@ -1,0 +1,155 @@
+"""Those who are followed: where they are, how sure that is, and the verdict on each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.data.user import User
+from synchronizar.estimation.assessment import with_calibration
+from synchronizar.estimation.hypotheses import GaussianComponent, Hypothesis
+from synchronizar.estimation.incremental.standing import Placed
+from synchronizar.estimation.incremental.tracking import Tracking
+from synchronizar.estimation.integrity import Verdict, nearness, verdicts
+from synchronizar.geometry import relative_to, rotation_2d
+from synchronizar.graph.marginal_prior import MarginalPrior
+from synchronizar.graph.priors import height_sigma_of
+from synchronizar.graph.states import BIAS, SCALE
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.extent import EXTENT_POINTS, extent_points_of
+
+_POSE = 5  # x, y, z, yaw, log scale
+_TANGENT = 7  # of X, H and D
+
+
+@dataclass(frozen=True)
+class _One:
+    """A member and the gauge, as a verdict looks at them."""
+
+    users: tuple[User, ...]
+    reference: int
+    free: list[int]
+    parameters: Parameters
+
+    def prior_variances(self, user: int) -> Array:
+        """(4,) of x, y, z (m^2) and yaw (rad^2) relative to the gauge."""
+        priors = self.parameters.priors
+        heights = [height_sigma_of(self.users[u], self.parameters) for u in (user, self.reference)]
+        height = 0.5 * (heights[0] ** 2 + heights[1] ** 2)
+        return np.array([priors.place_sigma**2, priors.place_sigma**2, height, priors.yaw_sigma**2])
+
+
+class Members:
+    """What the graph tells of all members at one moment."""
+
+    def __init__(self, tracking: Tracking, reference: int, shift: Array) -> None:
+        """`shift` (3,) m: where the graph's origin lies in the common frame."""
+        self.tracking, self.reference, self._shift = tracking, reference, shift
+        self.order = sorted(tracking.members)
+        self._row = {u: n for n, u in enumerate(self.order)}
+        at = [(u, tracking.members[u].slot) for u in self.order]
+        tangents = tracking.follower.covariance(at)
+        size = len(self.order)
+        turn = np.zeros((size, _TANGENT, _TANGENT))
+        turn[:] = np.eye(_TANGENT)[[0, 1, 3, 2, 4, 5, 6]]  # x, y, height, yaw, log scale, bias, clock
+        for n, u in enumerate(self.order):
+            c, s = np.cos(tracking.members[u].state[2]), np.sin(tracking.members[u].state[2])
+            turn[n, :2, :2] = [[c, -s], [s, c]]
+        blocks = tangents.reshape(size, _TANGENT, size, _TANGENT)
+        self._joint = np.einsum("uab,ubvc,vdc->uavd", turn, blocks, turn, optimize=True)
+
+    def frame(self, user: int) -> Array:
+        """(4,) x, y, z, yaw of a member at the begin of its newest slot, in the graph's frame."""
+        x, y, yaw, height = self.tracking.members[user].state[:4].tolist()
+        return np.array([x, y, height, yaw])
+
+    def placed(self, user: int) -> Placed:
+        """A member, in the common frame."""
+        tracked = self.tracking.members[user]
+        state = tracked.state.copy()
+        state[:2] += self._shift[:2]
+        state[6] += self.tracking.assumed_clock[user]
+        n = self._row[user]
+        own = self._joint[n, :, n]
+        covariance = np.zeros((6, 6))
+        covariance[:_POSE, :_POSE] = own[:_POSE, :_POSE]
+        if self.reference in self._row:
+            r = self._row[self.reference]
+            covariance[5, 5] = self._joint[r, 4, r, 4]
+            covariance[5, :_POSE] = covariance[:_POSE, 5] = self._joint[n, :_POSE, r, 4]
+        sigma = np.sqrt(np.maximum(own[[4, 5, 6], [4, 5, 6]], 0.0))
+        if self.tracking.users[user].static:
+            sigma[[n for n in range(3) if n != BIAS]] = np.nan
+        return Placed(tracked.place, state, covariance, sigma)
+
+    def relative(self, user: int, gauge: int) -> Array:
+        """(4, 4) covariance of x, y, z, yaw of a member relative to another one; a common shift and turn cancel."""
+        n, g = self._row[user], self._row[gauge]
+        offset = self.frame(user) - self.frame(gauge)
+        against = np.eye(4)
+        against[0, 3], against[1, 3] = -offset[1], offset[0]
+        own, other = self._joint[n, :4, n, :4], self._joint[g, :4, g, :4]
+        cross = self._joint[n, :4, g, :4] @ against.T
+        return np.asarray(own + against @ other @ against.T - cross - cross.T)
+
+    def extent(self, user: int, since: float) -> Array:
+        """(c, 3) m: extent points of a member's walk since its own stamp, about where its newest slot begins."""
+        stream, tracked = self.tracking.streams[user], self.tracking.members[user]
+        if stream is None:
+            return np.zeros((EXTENT_POINTS, 3))
+        walk = stream.tail(since).position
+        scale = float(np.exp(tracked.state[4 + SCALE]))
+        return scale * (extent_points_of(walk if len(walk) else tracked.place[None]) - tracked.place)
+
+    def hypothesis(self, user: int, gauge: int) -> Hypothesis:
+        """Where a member is beside another, as a verdict looks at it."""
+        k = len(self.tracking.users)
+        frames, covariances = np.zeros((k, 4)), np.zeros((k, 4, 4))
+        frames[user], covariances[user] = self.frame(user), self.relative(user, gauge)
+        return Hypothesis(0.0, frames, covariances, [GaussianComponent(1.0, frames, covariances)])
+
+    def verdict(
+        self, user: int, gauge: int, extent: Array, rejected: float, registered: bool
+    ) -> tuple[Verdict, float, Hypothesis]:
+        """On a member beside another, how near it is to being registered, and what both follow from."""
+        users, parameters = self.tracking.users, self.tracking.parameters
+        found = self.hypothesis(user, gauge)
+        of_all = np.zeros((len(users), len(extent), 3))
+        of_all[user] = extent
+        shares = np.full(len(users), rejected)
+        one = _One(users, gauge, [user], parameters)
+        known = verdicts([found], shares, (), one, of_all, parameters, [user] if registered else [])[user]
+        assert known is not None
+        variances = self.placed(user).calibration_sigma ** 2
+        near = nearness(found, user, users[user].static, extent, parameters)
+        return with_calibration(known, variances, parameters), float(min(near, 1.0)), found
+
+    def marginal_prior(self, known: list[int], gauge: int, frames: Array, calibration: Array) -> MarginalPrior:
+        """A Gaussian on members at frames (k, 4) and calibrations (k, 3), as vague beside the gauge as they are now.
+
+        `frames` are x, y (m), height of the origin (m), yaw (rad).
+        """
+        rows = []
+        g = 7 * self._row[gauge]
+        size = 7 * len(self.order)
+        for u in known:
+            if u == gauge:
+                continue
+            n = 7 * self._row[u]
+            offset = frames[u] - frames[gauge]
+            move = np.zeros((4, size))
+            move[:, n : n + 4] = np.eye(4)
+            move[:, g : g + 4] -= np.eye(4)
+            move[0, g + 3] += offset[1]
+            move[1, g + 3] -= offset[0]
+            turn = np.eye(4)
+            turn[:2, :2] = rotation_2d(-float(frames[gauge, 3]))
+            rows.append((turn @ move)[[0, 1, 3, 2]])
+        for u in known:
+            n = 7 * self._row[u] + 4
+            rows.append(np.eye(size)[n : n + 3])
+        root = np.vstack(rows)
+        joint = self._joint.reshape(size, size)
+        return MarginalPrior(known, gauge, relative_to(frames, gauge), calibration, root @ joint @ root.T)

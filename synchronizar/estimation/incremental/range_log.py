@@ -1,0 +1,102 @@
+"""All ranges of the recent past, as they came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from synchronizar.arrays import Array, Indices
+from synchronizar.data.ranges import Ranges
+from synchronizar.estimation.incremental.tracking import NewRanges
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.range_measurements import nlos_share
+
+COLUMNS = ("t", "a", "b", "distance", "sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos", "serial")
+_WHOLE = ("a", "b", "antenna_a", "antenna_b")
+_T, _A, _B, _DISTANCE, _SERIAL = 0, 1, 2, 3, 10
+_FIRST_ROWS = 256
+
+
+class RangeLog:
+    """A table of ranges in the order in which they came."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+        self._table = np.empty((_FIRST_ROWS, len(COLUMNS)))
+        self._count = 0
+        self.added = 0
+        """How many ranges were ever added, usable or not."""
+        self._latest: set[tuple[float, ...]] = set()
+
+    def add(self, t: float, a: int, b: int, distance: float, optional: Mapping[str, float]) -> bool:
+        """A range, by users' indices; whether it can be a distance, and is none that came already."""
+        serial = self.added
+        self.added += 1
+        ranges = self._parameters.ranges
+        if not ranges.shortest <= distance <= ranges.longest:
+            return False
+        known = {"antenna_a": -1.0, "antenna_b": -1.0, **optional}
+        row = (t, a, b, distance, *(known.get(name, np.nan) for name in COLUMNS[4:-1]), serial)
+        if row[:4] in self._latest:
+            return False
+        self._latest.add(row[:4])
+        if self._count == len(self._table):
+            self._table = np.concatenate([self._table, np.empty_like(self._table)])
+        self._table[self._count] = row
+        self._count += 1
+        return True
+
+    @property
+    def rows(self) -> Array:
+        """(n, columns), a view."""
+        return self._table[: self._count]
+
+    def restore(self, rows: Array, added: int) -> None:
+        """Just these rows (n, columns). ValueError where they have other columns."""
+        if rows.ndim != 2 or rows.shape[1] != len(COLUMNS):
+            raise ValueError(f"a table of {len(COLUMNS)} columns is needed")
+        self._table = np.concatenate([rows, np.empty((_FIRST_ROWS, len(COLUMNS)))])
+        self._count, self.added = len(rows), added
+        self._latest = {tuple(row[:4].tolist()) for row in rows}
+
+    def forget(self, before: float) -> None:
+        """Ranges that are older than `before` (s)."""
+        left = self.rows[self.rows[:, _T] >= before].copy()
+        self._table[: len(left)] = left
+        self._count = len(left)
+        self._latest = {tuple(row) for row in left[:, :4].tolist()}
+
+    def since(self, serial: int) -> Array:
+        """(n, columns): those added from a running index on."""
+        return self.rows[int(np.searchsorted(self.rows[:, _SERIAL], serial)) :]
+
+    def ranges(self, rows: Array) -> Ranges:
+        """Rows (n, columns) as ranges."""
+        columns = {
+            name: rows[:, n].astype(np.int32) if name in _WHOLE else rows[:, n].copy()
+            for n, name in enumerate(COLUMNS[:-1])
+        }
+        return Ranges.of(**columns)
+
+    def to_follow(self, rows: Array) -> NewRanges:
+        """Rows (n, columns) as tracking takes them: the first user is the one with the smaller index."""
+        ranges = self.ranges(rows)
+        share = nlos_share(ranges, self._parameters)
+        swap = ranges.a > ranges.b
+        return NewRanges(
+            ranges.t.copy(),
+            np.where(swap, ranges.b, ranges.a).astype(np.int32),
+            np.where(swap, ranges.a, ranges.b).astype(np.int32),
+            ranges.distance.copy(),
+            np.where(np.isnan(ranges.sigma), self._parameters.ranges.sigma, ranges.sigma),
+            share / (1.0 - share),
+            np.where(swap, ranges.antenna_b, ranges.antenna_a).astype(np.int32),
+            np.where(swap, ranges.antenna_a, ranges.antenna_b).astype(np.int32),
+            rows[:, _SERIAL].astype(np.int32),
+        )
+
+    @staticmethod
+    def users(rows: Array) -> tuple[Indices, Indices]:
+        """(n,) each: both users of rows (n, columns)."""
+        return rows[:, _A].astype(np.int32), rows[:, _B].astype(np.int32)

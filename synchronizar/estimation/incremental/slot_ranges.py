@@ -1,0 +1,74 @@
+"""The ranges of users who are followed, by slot: read from the poses, weighted, and given to the graph."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from synchronizar._core import RangeSlot
+from synchronizar.arrays import Array, Indices
+
+T, I, J, DISTANCE, SIGMA, ODDS, LINK, SLOT, NLOS_ODDS, WEIGHT, SERIAL = range(11)
+"""Columns of what is known of each range: s, users, m, 1 sigma of the model (m), prior odds, antennas, slot; NLOS odds
+given the other ranges, range weight; running index of each range that was ever added."""
+_END = 9  # columns of an end: offset, lever, velocity, (3,) each
+_COLUMNS = SERIAL + 1 + 2 * _END
+_FIRST_ROWS = 256
+
+
+class SlotRanges:
+    """A table of ranges, by the order in which they were read."""
+
+    def __init__(self) -> None:
+        self._table = np.empty((_FIRST_ROWS, _COLUMNS))
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def rows(self) -> Array:
+        """(n, columns), a view."""
+        return self._table[: self._count]
+
+    def add(self, known: Array, i: tuple[Array, Array, Array], j: tuple[Array, Array, Array]) -> None:
+        """Ranges (n, 11), and the offsets, levers and velocities (n, 3) of both ends."""
+        needed = self._count + len(known)
+        if needed > len(self._table):
+            grown = np.empty((max(needed, 2 * len(self._table)), _COLUMNS))
+            grown[: self._count] = self.rows
+            self._table = grown
+        self._table[self._count : needed] = np.hstack([known, *i, *j])
+        self._count = needed
+
+    def keep(self, which: Array) -> None:
+        """Forget all rows but these (n,)."""
+        left = self.rows[which].copy()
+        self._table[: len(left)] = left
+        self._count = len(left)
+
+    def of_slot(self, slot: int) -> Indices:
+        """Rows of a slot."""
+        return np.flatnonzero(self.rows[:, SLOT] == slot).astype(np.int32)
+
+    def block(self, which: Indices) -> tuple[list[int], RangeSlot]:
+        """The users of these ranges of one slot, and the ranges for the graph."""
+        return block_of(self.rows[which])
+
+
+def block_of(rows: Array) -> tuple[list[int], RangeSlot]:
+    """The users of ranges (n, columns) of one slot, and the ranges for the graph."""
+    users, ends = np.unique(rows[:, [I, J]].astype(np.int32), return_inverse=True)
+    ends = ends.reshape(-1, 2).astype(np.int32)
+    first = SERIAL + 1
+    i, j = (
+        tuple(np.ascontiguousarray(rows[:, at + 3 * n : at + 3 * n + 3]) for n in range(3))
+        for at in (first, first + _END)
+    )
+    return users.tolist(), RangeSlot(
+        len(users),
+        np.ascontiguousarray(ends[:, 0]),
+        np.ascontiguousarray(ends[:, 1]),
+        (i[0], i[1], i[2]),
+        (j[0], j[1], j[2]),
+        *(rows[:, column].copy() for column in (DISTANCE, SIGMA, NLOS_ODDS, WEIGHT)),
+    )

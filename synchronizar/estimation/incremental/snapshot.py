@@ -1,0 +1,113 @@
+"""What a search is given and what it finds: plain arrays, so that it can run in another process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from synchronizar.arrays import Array, Indices
+from synchronizar.data.recording import Recording
+from synchronizar.estimation.integrity import Verdict
+from synchronizar.graph.marginal_prior import MarginalPrior
+from synchronizar.parameters import Parameters
+
+
+class SlotPoses(NamedTuple):
+    """Where a user's repaired SLAM has it at the begins of m slots; the last row is its last pose."""
+
+    slots: list[int]
+    """Of all rows but the last."""
+    stamps: Array
+    """(m + 1,) s, its own clock."""
+    places: Array
+    """(m + 1, 3) SLAM units."""
+
+
+class Candidate(NamedTuple):
+    """A joint placement that a search found, where the next one may begin."""
+
+    frames: Array
+    """(k, 4) x, y, z (m), yaw (rad): gauge's frame from each user's repaired SLAM frame; NaN for who is not in it."""
+    calibration: Array
+    """(k, 3)."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All that came in a stretch of time until `t`."""
+
+    t: float
+    """s, range clock."""
+    recording: Recording
+    """Repaired tracks and ranges; a user without a pose there has one long ago."""
+    serial: Indices
+    """(n,) running index of each of its ranges."""
+    segments: dict[str, Indices]
+    """Of each track (n,): which segment between relocalisations a pose belongs to."""
+    gauge: int
+    """The user whose frame is the graph's."""
+    sought: tuple[int, ...]
+    """Users whose places are looked for; the others are followed."""
+    prior: MarginalPrior | None
+    """What is known of those who are followed, at their first poses here; None: all are sought."""
+    noise: Array
+    """(k, 2) factors on each SLAM's drift, as found before."""
+    range_weight: float | None
+    """Of a range, as found before."""
+    candidates: tuple[Candidate, ...]
+    """Found by the search before this one."""
+    poses: dict[int, SlotPoses]
+    registered: tuple[int, ...]
+    parameters: Parameters
+
+
+class FoundUser(NamedTuple):
+    """A user as a search found it, in the graph's frame."""
+
+    verdict: Verdict
+    place: Array
+    """(4,) x, y, z (m), yaw (rad) of its last pose, the mean over the optima."""
+    covariance: Array
+    """(6, 6) of errors in x, y, z (m), yaw (rad), its log scale, the gauge's log scale."""
+    calibration: Array
+    """(3,) log scale, radio bias (m), clock offset (s)."""
+    calibration_sigma: Array
+    """(3,) 1 sigma."""
+    states: Array
+    """(m, 4) x, y, z, yaw at each of its slots, at the best optimum."""
+    progress: float
+    single: bool
+    """Whether one optimum alone is left: of two that are still near only searches see whether they part."""
+    rejected: float
+    """Share of its latest ranges that do not fit."""
+
+
+class FoundRanges(NamedTuple):
+    """n ranges as the best optimum takes them."""
+
+    serial: Indices
+    inlier_probability: Array
+    weight: Array
+    """1/m^2."""
+    residual: Array
+    """m, measured minus predicted."""
+
+
+class Found(NamedTuple):
+    """What a search found."""
+
+    t: float
+    """s: of its snapshot."""
+    gauge: int
+    anchor: Array
+    """(3,) SLAM units: where the graph's frame has its origin, in the gauge's own."""
+    poses: dict[int, SlotPoses]
+    """Those of its snapshot."""
+    users: dict[int, FoundUser]
+    """The users that a chain of ranges connects to the gauge, it included."""
+    alternatives: list[tuple[float, Array]]
+    """Cost and (k, 4) last poses of each joint hypothesis, best first; one where there is no other."""
+    candidates: tuple[Candidate, ...]
+    noise: Array
+    range_weight: float | None
+    ranges: FoundRanges

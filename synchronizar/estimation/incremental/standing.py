@@ -1,0 +1,57 @@
+"""What is known of one user while people walk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from synchronizar.arrays import Array
+from synchronizar.data.registration import State
+from synchronizar.estimation.incremental.cues import Cue
+from synchronizar.estimation.integrity import Verdict
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Where a user is, by the last search or as it is followed, at one of its own poses."""
+
+    place: Array
+    """(3,) SLAM units: where its repaired SLAM has it."""
+    state: Array
+    """(7,) x, y (m), yaw (rad), height (m) in the common frame; log scale, radio bias (m), clock offset (s)."""
+    covariance: Array
+    """(6, 6) of errors in x, y, z (m, common axes), yaw (rad), its log scale, the reference's log scale."""
+    calibration_sigma: Array
+    """(3,) 1 sigma of log scale, bias (m), clock (s); NaN where a static radio has none."""
+
+
+@dataclass
+class Standing:
+    """The state of one user's registration, and since when."""
+
+    state: State = State.DISCONNECTED
+    reason: str = "nothing is solved yet"
+    verdict: Verdict | None = None
+    placed: Placed | None = None
+    since: float | None = None
+    """s: its first range, or when it was last found to be somewhere else; None: it has not ranged."""
+    registered_at: float | None = None
+    """s: since when it is registered."""
+    steady_since: float | None = None
+    """s: since when its place has stayed, while it is watched."""
+    proven: bool = False
+    """Whether it was registered for long enough, and no other placement was found: it is sought no more."""
+    contradicted: bool = False
+    """Whether it is the reference and its ranges contradict it: then nobody is registered."""
+    progress: float = 0.0
+    cue: Cue | None = None
+
+    @property
+    def is_registered(self) -> bool:
+        """Whether its placement can be relied on."""
+        return self.state is State.REGISTERED
+
+    def begin_again(self, now: float, state: State, reason: str) -> None:
+        """What was known of its place is not believed any more: it is looked for in what comes from now on."""
+        self.state, self.reason, self.since = state, reason, now
+        self.registered_at, self.steady_since, self.proven = None, None, False
+        self.placed, self.verdict, self.cue, self.progress = None, None, None, 0.0

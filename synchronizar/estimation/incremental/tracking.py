@@ -1,0 +1,501 @@
+"""Users whose places are known are followed: slots and ranges put into the graph as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from synchronizar._core import burst_nlos_odds_of_pairs, mixture_terms
+from synchronizar.arrays import Array, Indices
+from synchronizar.data.user import User
+from synchronizar.estimation.incremental.contradictions import Innovations
+from synchronizar.estimation.incremental.slot_ranges import (
+    DISTANCE,
+    I,
+    J,
+    LINK,
+    NLOS_ODDS,
+    ODDS,
+    SERIAL,
+    SIGMA,
+    SLOT,
+    WEIGHT,
+    SlotRanges,
+    T,
+    block_of,
+)
+from synchronizar.graph.follower import Follower, SlotState
+from synchronizar.graph import keys
+from synchronizar.graph.pose_graph import calibration_sigmas
+from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
+from synchronizar.graph.slot_factors import (
+    Joining,
+    SlamStep,
+    SlotRangeFactor,
+    calibration_walk_factor,
+    joining_prior,
+    step_factor,
+)
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.pose_stream import PoseStream
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
+from synchronizar.preprocessing.range_weights import measured_range_weights
+from synchronizar.quaternions import rotate_by_quaternions
+
+_REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
+_LATE = 1.0  # s: a range whose poses have not come by then is not usable
+_JUDGED = 10  # slots whose ranges are judged anew
+_CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
+_STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
+_FEWEST_RANGES = 20  # of a user, for a share of them
+_MOST_ANTENNAS = 1024  # of a user, in the number of a link
+
+
+class Tracked(NamedTuple):
+    """A user now: at the begin of its newest slot."""
+
+    slot: int
+    stamp: float
+    """s, its own clock."""
+    place: Array
+    """(3,) SLAM units: where its repaired SLAM has it then."""
+    state: Array
+    """(7,) x, y (m), yaw (rad), height (m), log scale, radio bias (m), clock offset (s) minus the assumed one."""
+
+
+class JoiningUser(NamedTuple):
+    """A user as a search found it, at m slots of the window."""
+
+    slots: list[int]
+    stamps: Array
+    """(m,) s, its own clock: the slots' begins."""
+    places: Array
+    """(m, 3) SLAM units: where its repaired SLAM has it then."""
+    states: Array
+    """(m, 7) as in `Tracked`; the clock counts from `clock`."""
+    clock: float
+    """s: its clock offset."""
+
+
+class NewRanges(NamedTuple):
+    """n ranges as they came; i < j."""
+
+    t: Array
+    i: Indices
+    j: Indices
+    distance: Array
+    sigma: Array
+    nlos_odds: Array
+    antenna_i: Indices
+    antenna_j: Indices
+    serial: Indices
+
+    def part(self, which: Array) -> NewRanges:
+        """Those selected by a mask or indices."""
+        return NewRanges(*(column[which] for column in self))
+
+
+class Tracking:
+    """The users who are followed, their slots and ranges, and the graph over these."""
+
+    def __init__(self, users: tuple[User, ...], streams: list[PoseStream | None], parameters: Parameters) -> None:
+        """`streams` of all k users; None for static radios."""
+        self.users, self.streams, self.parameters = users, streams, parameters
+        self.follower = Follower()
+        self.ranges = SlotRanges()
+        self.assumed_clock = np.zeros(len(users))
+        self.noise = np.ones((len(users), 2))
+        self.members: dict[int, Tracked] = {}
+        self.origin = np.nan
+        """s, range clock: when slot 0 begins."""
+        self._loss = nlos_mixture(parameters)
+        self._waiting: NewRanges | None = None
+        self._stamps: dict[tuple[int, int], tuple[float, Array]] = {}
+        self._states: dict[tuple[int, int], Array] = {}
+        self._weight: dict[tuple[int, int], float] = {}
+        self._judged_at = -1
+        self._untaken: list[Array] = []
+
+    def slot_of(self, t: float) -> int:
+        """The slot in which a range at `t` (s) lies."""
+        return int(np.floor((t - self.origin) / self.parameters.slam.keyframe_interval))
+
+    def begin_of(self, slot: int) -> float:
+        """s, range clock."""
+        return self.origin + slot * self.parameters.slam.keyframe_interval
+
+    # Slots
+
+    def _place(self, user: int, stamp: float) -> Array | None:
+        """(3,) where SLAM has a device at its own stamp; None where that is not known (yet)."""
+        stream = self.streams[user]
+        if stream is None:
+            return np.zeros(3)
+        poses = stream.at(np.array([stamp]))
+        return poses.position[0] if poses.valid[0] else None
+
+    def _open(self, user: int, slot: int) -> bool:
+        """A further slot of a member, placed where SLAM's step leads; False where its pose is not known yet."""
+        before = self.members[user]
+        stamp = self.begin_of(slot) + float(self.assumed_clock[user])
+        place = self._place(user, stamp)
+        if place is None:
+            return False
+        state = before.state.copy()
+        scale = float(np.exp(state[4]))
+        dx, dy, dz = (scale * (place - before.place)).tolist()
+        c, s = np.cos(state[2]), np.sin(state[2])
+        state[:2] += c * dx - s * dy, s * dx + c * dy
+        state[3] += dz
+        self._insert(user, slot, stamp, place, state)
+        self._tie(user, before, self.members[user])
+        return True
+
+    def _insert(self, user: int, slot: int, stamp: float, place: Array, state: Array) -> None:
+        self.members[user] = Tracked(slot, stamp, place, state)
+        self._stamps[user, slot], self._states[user, slot] = (stamp, place), state
+        self.follower.insert(user, slot, SlotState((state[0], state[1], state[2]), float(state[3]), state[4:]))
+
+    def _tie(self, user: int, a: Tracked, b: Tracked) -> None:
+        """SLAM's step between two slots, and what the device may change in between."""
+        step = self._step(user, a, b)
+        self.follower.put(("step", user, b.slot), step_factor(user, a.slot, b.slot, step, self.parameters), a.slot)
+        walk = calibration_walk_factor(user, a.slot, b.slot, step.duration, self.parameters)
+        self.follower.put(("walk", user, b.slot), walk, a.slot)
+
+    def _step(self, user: int, a: Tracked, b: Tracked) -> SlamStep:
+        slam, stream = self.parameters.slam, self.streams[user]
+        duration = (b.slot - a.slot) * slam.keyframe_interval
+        if stream is None:
+            return SlamStep((0.0, 0.0, 0.0), (_STATIC, _STATIC, _STATIC), duration)
+        way = stream.tail(a.stamp)
+        inside = way.t <= b.stamp
+        travelled = float(np.ptp(way.travelled[inside])) if inside.any() else 0.0
+        rebuilt = bool(way.rebuilt[inside].any())
+        metres, radians = self.noise[user].tolist()
+        metres *= np.sqrt(slam.drift_m_per_sqrt_s**2 * duration + slam.drift_m_per_sqrt_m**2 * travelled)
+        radians *= np.sqrt(slam.drift_rad_per_sqrt_s**2 * duration + slam.drift_rad_per_sqrt_m**2 * travelled)
+        if rebuilt:
+            metres, radians = np.hypot(metres, slam.jump_sigma_m), np.hypot(radians, slam.jump_sigma_rad)
+        x, y, z = (b.place - a.place).tolist()
+        return SlamStep((x, y, z), (float(metres), float(metres), float(radians)), duration)
+
+    # Ranges
+
+    def add(self, ranges: NewRanges) -> None:
+        """Ranges between members, as they came."""
+        if self._waiting is not None:
+            ranges = NewRanges(*(np.concatenate(both) for both in zip(self._waiting, ranges, strict=True)))
+        self._waiting = ranges if len(ranges.t) else None
+
+    def advance(self, now: float, doubted: Container[int], settle: bool = False) -> None:
+        """It is `now` (s, range clock): open slots, take in the ranges whose poses have come, solve.
+
+        Nothing is taken in of users that are `doubted`. With `settle` the graph is built anew, and linearised until it
+        stands: somebody joined. Raises RuntimeError where the graph cannot be solved.
+        """
+        latest = self.slot_of(now)
+        for user, tracked in list(self.members.items()):
+            if user not in doubted:
+                for slot in range(tracked.slot + 1, latest + 1):
+                    self._open(user, slot)
+        for slot in self._take(now, doubted):
+            self._put(slot)
+        if settle:
+            self.follower.rebuild()
+            self.judge(all_slots=True)
+        self.follower.update()
+        for user, tracked in self.members.items():
+            state = self._read(user, tracked.slot)
+            self._states[user, tracked.slot] = state
+            self.members[user] = tracked._replace(state=state)
+        if latest > self._judged_at:
+            self._judged_at = latest
+            self.judge()
+
+    def _read(self, user: int, slot: int) -> Array:
+        found = self.follower.state(user, slot)
+        return np.array([*found.pose, found.height, *found.calibration])
+
+    def _take(self, now: float, doubted: Container[int]) -> list[int]:
+        """Read the ranges whose poses have come; the slots that they are in."""
+        waiting = self._waiting
+        if waiting is None:
+            return []
+        slot = np.floor((waiting.t - self.origin) / self.parameters.slam.keyframe_interval).astype(np.int32)
+        there = np.array(
+            [
+                (i, n) in self._stamps and (j, n) in self._stamps and i not in doubted and j not in doubted
+                for i, j, n in zip(waiting.i.tolist(), waiting.j.tolist(), slot.tolist(), strict=True)
+            ]
+        )
+        ends = []
+        for who, antenna in ((waiting.i, waiting.antenna_i), (waiting.j, waiting.antenna_j)):
+            offset, lever, velocity, known = self._ends(waiting.t, who, antenna, slot, there)
+            there = there & known
+            ends.append((offset, lever, velocity))
+        late = waiting.t < now - _LATE
+        left = ~there & ~late
+        self._waiting = waiting.part(left) if left.any() else None
+        if not there.any():
+            return []
+        ready = waiting.part(there)
+        links = _links(ready)
+        known_rows = np.column_stack(
+            [
+                ready.t,
+                ready.i,
+                ready.j,
+                ready.distance,
+                np.hypot(ready.sigma, self.parameters.ranges.multipath_sigma),
+                ready.nlos_odds,
+                links,
+                slot[there],
+                ready.nlos_odds,
+                [self._weight_of(i, j) for i, j in zip(ready.i.tolist(), ready.j.tolist(), strict=True)],
+                ready.serial,
+            ]
+        )
+        self.ranges.add(known_rows, *((o[there], a[there], v[there]) for o, a, v in ends))
+        added = self.ranges.rows[-len(known_rows) :]
+        self._untaken.append(np.column_stack([added[:, [T, I, J, SIGMA]], self.residuals(added)]))
+        return sorted(set(slot[there].tolist()))
+
+    def _weight_of(self, i: int, j: int) -> float:
+        """What a range of a pair was worth lately; at first what it will be worth among so many."""
+        return self._weight.get((i, j), 0.1)
+
+    def _ends(
+        self, t: Array, who: Indices, antenna: Indices, slot: Indices, wanted: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Offset, lever and velocity (n, 3) of an end of each range, and whether its poses are known."""
+        n = len(t)
+        offset, lever, velocity = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+        known = wanted.copy()
+        for u in np.unique(who[wanted]).tolist():
+            stream = self.streams[u]
+            if stream is None:
+                continue
+            mine = np.flatnonzero(wanted & (who == u))
+            at = t[mine] + self.assumed_clock[u]
+            stamps = np.concatenate([at, at - _REACH, np.minimum(at + _REACH, max(stream.newest, at.min()))])
+            position, quat, there = stream.at(stamps)
+            m = len(mine)
+            known[mine] = there[:m]
+            levers = self.users[u].levers
+            arm = rotate_by_quaternions(quat, np.tile(levers[antenna[mine]], (3, 1))) if len(levers) > 1 else 0.0
+            antennas = position + arm
+            begin = np.where(there[m : 2 * m, None], antennas[m : 2 * m], antennas[:m])
+            end = np.where(there[2 * m :, None], antennas[2 * m :], antennas[:m])
+            dt = np.where(there[2 * m :], stamps[2 * m :], at) - np.where(there[m : 2 * m], stamps[m : 2 * m], at)
+            velocity[mine] = (end - begin) / np.maximum(dt, 1e-3)[:, None]
+            places = np.array([self._stamps[u, s][1] for s in slot[mine].tolist()])
+            offset[mine] = position[:m] - places
+            lever[mine] = antennas[:m] - position[:m]
+        return offset, lever, velocity, known
+
+    def _put(self, slot: int) -> None:
+        """The factor of a slot's ranges, made anew."""
+        which = self.ranges.of_slot(slot)
+        name = ("ranges", slot)
+        if not len(which):
+            if name in self.follower:
+                self.follower.drop(name)
+            return
+        users, block = self.ranges.block(which)
+        self.follower.put(name, SlotRangeFactor(slot, users, block, self._loss, np.zeros(len(block.pairs))), slot)
+
+    def take_innovations(self, spread: Mapping[int, float]) -> Innovations:
+        """The residuals of ranges before they were used, since the last call.
+
+        `spread` is 1 sigma (m) of each user's place, which adds to what is expected.
+        """
+        rows = np.concatenate([np.zeros((0, 5)), *self._untaken])
+        self._untaken = []
+        i, j = rows[:, 1].astype(np.int32), rows[:, 2].astype(np.int32)
+        of_users = np.array([spread.get(u, 0.0) for u in range(len(self.users))]) ** 2
+        return Innovations(rows[:, 0], i, j, rows[:, 4] / np.sqrt(rows[:, 3] ** 2 + of_users[i] + of_users[j]))
+
+    def rejected(self, since: float) -> Array:
+        """(k,) share of each user's ranges since then (s) that are more likely NLOS, or outliers, than inliers."""
+        rows = self.ranges.rows
+        rows = rows[rows[:, T] > since]
+        out = np.zeros(len(self.users))
+        if not len(rows):
+            return out
+        inlier = self.inlier_probability(rows)
+        i, j = rows[:, I].astype(int), rows[:, J].astype(int)
+        count, off = (
+            np.bincount(i, weights, len(out)) + np.bincount(j, weights, len(out))
+            for weights in (np.ones(len(rows)), (inlier < 0.5).astype(float))
+        )
+        return np.where(count >= _FEWEST_RANGES, off / np.maximum(count, 1.0), 0.0)
+
+    def inlier_probability(self, rows: Array) -> Array:
+        """(n,) of ranges (n, columns), at the present estimates."""
+        sigma = rows[:, SIGMA].copy()
+        odds = rows[:, NLOS_ODDS].copy()
+        return np.asarray(mixture_terms(self.residuals(rows) / sigma, sigma, odds, self._loss)[2])
+
+    def range_verdicts(self) -> tuple[Array, Array, Array]:
+        """(n,) of all rows: probability of line of sight, measured minus predicted (m), information (1/m^2)."""
+        rows = self.ranges.rows
+        sigma, odds, residuals = rows[:, SIGMA].copy(), rows[:, NLOS_ODDS].copy(), self.residuals(rows)
+        _, robust, inlier = mixture_terms(residuals / sigma, sigma, odds, self._loss)
+        return inlier, -residuals, robust * rows[:, WEIGHT] / sigma**2
+
+    def has(self, user: int, slot: int) -> bool:
+        """Whether a user has a slot in the window."""
+        return (user, slot) in self._stamps
+
+    def stamp_at(self, user: int, slot: int) -> tuple[float, Array]:
+        """The user's own stamp (s) of a slot's begin, and where its repaired SLAM has it then, (3,) SLAM units."""
+        return self._stamps[user, slot]
+
+    def state_at(self, user: int, slot: int) -> Array:
+        """(7,) as in `Tracked`, as of the last time that the slot was looked at."""
+        return self._states[user, slot]
+
+    def add_user(self, user: User) -> None:
+        """One more user, who is not followed yet."""
+        self.users = (*self.users, user)
+        self.assumed_clock, self.noise = np.append(self.assumed_clock, 0.0), np.vstack([self.noise, [1.0, 1.0]])
+
+    def residuals(self, rows: Array) -> Array:
+        """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
+        out = np.empty(len(rows))
+        for slot in np.unique(rows[:, SLOT]).astype(int).tolist():
+            which = np.flatnonzero(rows[:, SLOT] == slot)
+            users, block = block_of(rows[which])
+            states = np.array([self._states[u, slot] for u in users])
+            poses = np.zeros((len(users), 8))
+            poses[:, :4] = states[:, :4]
+            out[which] = block.residuals(poses, states[:, 4:])
+        return out
+
+    def judge(self, all_slots: bool = False) -> None:
+        """NLOS odds and weights of the ranges of the latest slots, anew; slots of which these changed are put anew."""
+        self._refresh()
+        rows = self.ranges.rows
+        if not len(rows):
+            return
+        first = -1 if all_slots else int(rows[:, SLOT].max()) - _JUDGED + 1
+        which = np.flatnonzero(rows[:, SLOT] >= first)
+        which = which[np.lexsort([rows[which, T], rows[which, J], rows[which, I]])]
+        part = rows[which]
+        whitened = self.residuals(part) / part[:, SIGMA]
+        change = np.flatnonzero(np.diff(part[:, I]) + len(self.users) * np.diff(part[:, J]) != 0.0) + 1
+        bounds = np.concatenate([[0], change, [len(part)]]).astype(np.int32)
+        columns = (np.ascontiguousarray(part[:, c]) for c in (T, SIGMA, ODDS))
+        t, sigma, prior = columns
+        odds, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts_of(self.parameters))
+        weight = self._measured_weights(part, whitened, odds)
+        _, _, inlier = mixture_terms(whitened, sigma, odds, self._loss)
+        _, _, before = mixture_terms(whitened, sigma, np.ascontiguousarray(part[:, NLOS_ODDS]), self._loss)
+        changed = (np.abs(inlier - before) > _CHANGED) | (np.abs(np.log(weight / part[:, WEIGHT])) > 2.0 * _CHANGED)
+        rows[which, NLOS_ODDS], rows[which, WEIGHT] = odds, weight
+        for slot in np.unique(part[changed, SLOT]).astype(int).tolist():
+            self._put(slot)
+
+    def _refresh(self) -> None:
+        """All estimates of the window."""
+        for slot, users in self.follower.slots.items():
+            for u in users:
+                self._states[u, slot] = self._read(u, slot)
+        self.members = {u: at._replace(state=self._states[u, at.slot]) for u, at in self.members.items()}
+
+    def _measured_weights(self, part: Array, whitened: Array, odds: Array) -> Array:
+        """(n,) range weights of ranges (n, columns) sorted by pair, each as if its later neighbours had come."""
+        _, weight, _ = mixture_terms(whitened, part[:, SIGMA].copy(), odds, self._loss)
+        none = np.zeros((len(part), 3))
+        nominal = np.sqrt(np.maximum(part[:, SIGMA] ** 2 - self.parameters.ranges.multipath_sigma**2, 1e-12))
+        i, j = part[:, I].astype(np.int32), part[:, J].astype(np.int32)
+        t = part[:, T].copy()
+        measurements = RangeMeasurements(
+            i, j, t, none, none, part[:, DISTANCE].copy(), nominal, part[:, ODDS].copy(), np.zeros(len(part), np.int32)
+        )
+        links = part[:, LINK].astype(np.int32)
+        out = measured_range_weights(measurements, part[:, SIGMA].copy(), whitened, weight, links, self.parameters)
+        recent = t > t.max() - self.parameters.ranges.multipath_duration
+        for pair in pairs(measurements):
+            k = pair.measurements
+            of_pair, new = out[k], recent[k]
+            settled = float(of_pair[~new].mean()) if (~new).any() else float(of_pair.min())
+            out[k] = np.where(new, np.minimum(of_pair, settled), of_pair)
+            self._weight[pair.i, pair.j] = settled
+        return out
+
+    # Who is in it
+
+    def join(self, new: Mapping[int, JoiningUser], reference: int | None) -> None:
+        """Follow users from now on, as a search found them; `reference` begins the common frame."""
+        for user, found in new.items():
+            self.assumed_clock[user] = found.clock
+        for user, found in new.items():
+            self._insert_all(user, found)
+        first = {u: min(slot for slot, users in self.follower.slots.items() if u in users) for u in self.members}
+        known = [self._joining(u, first[u]) for u in self.members if u not in new]
+        joining = [self._joining(u, first[u]) for u in new]
+        _, shared = calibration_sigmas(self.parameters)
+        name = ("prior", *sorted(new), *first.values())
+        self.follower.put(name, joining_prior(joining, known, shared), min(first.values()))
+        for user in new:
+            held = user == reference
+            self._hold(user, first[user], held)
+
+    def _hold(self, user: int, slot: int, exactly: bool) -> None:
+        """A prior on the place at a user's first slot: exactly that of the one who begins the common frame."""
+        x, y, yaw, height = self._states[user, slot][:4].tolist()
+        priors = self.parameters.priors
+        wide = [priors.place_sigma, priors.place_sigma, priors.yaw_sigma]
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-3, 1e-3, 1e-3] if exactly else wide))
+        pose = gtsam.PriorFactorPose2(keys.slot_pose(user, slot), gtsam.Pose2(x, y, yaw), noise)
+        self.follower.put(("place", user, slot), pose, slot)
+        if exactly:
+            tight = gtsam.noiseModel.Isotropic.Sigma(1, 1e-3)
+            self.follower.put(
+                ("height", user, slot), gtsam.PriorFactorDouble(keys.slot_height(user, slot), height, tight), slot
+            )
+
+    def _joining(self, user: int, slot: int) -> Joining:
+        own, _ = calibration_sigmas(self.parameters)
+        height = float(self._stamps[user, slot][1][2])
+        sigma = height_sigma_of(self.users[user], self.parameters) / np.sqrt(2.0)
+        return Joining(user, slot, height, float(self.assumed_clock[user]), sigma, own)
+
+    def _insert_all(self, user: int, found: JoiningUser) -> None:
+        """The slots of a user who joins, from its first in the window on."""
+        before: Tracked | None = None
+        for slot, stamp, place, state in zip(found.slots, found.stamps.tolist(), found.places, found.states, strict=True):
+            self._insert(user, slot, stamp, place, state)
+            if before is not None:
+                self._tie(user, before, self.members[user])
+            before = self.members[user]
+
+    def leave(self, user: int) -> None:
+        """Follow a user no more: what its ranges told is forgotten, as far back as the window goes."""
+        rows = self.ranges.rows
+        touched = (rows[:, I] == user) | (rows[:, J] == user)
+        slots = np.unique(rows[touched, SLOT]).astype(int).tolist()
+        self.ranges.keep(~touched)
+        for slot in slots:
+            self._put(slot)
+        self.members.pop(user)
+        self.follower.drop_user(user)
+        self._stamps = {key: value for key, value in self._stamps.items() if key[0] != user}
+        self._states = {key: value for key, value in self._states.items() if key[0] != user}
+
+    def forget(self, before: int) -> None:
+        """Slots before `before` are marginalised out."""
+        self.follower.marginalize(before)
+        self.ranges.keep(self.ranges.rows[:, SLOT] >= before)
+        self._stamps = {key: value for key, value in self._stamps.items() if key[1] >= before}
+        self._states = {key: value for key, value in self._states.items() if key[1] >= before}
+
+
+def _links(ranges: NewRanges) -> Indices:
+    """(n,) a number for the two antennas of each range."""
+    return np.asarray((ranges.antenna_i + 1) * _MOST_ANTENNAS + ranges.antenna_j + 1, dtype=np.int32)
