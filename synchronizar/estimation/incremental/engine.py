@@ -36,6 +36,7 @@ from synchronizar.quaternions import multiply_quaternions, normalized_quaternion
 _LONG_AGO = -1e9  # s: a track of one pose there covers no range
 _NOWHERE = Track(np.array([_LONG_AGO]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
 _WATCHED_AT = 0.9  # of the progress: while a user is watched
+_FOLLOWED_AT = 0.25  # of the progress: who is known worse is not followed, for nothing is linear so far off
 _FIRST_SEARCH = 1.0  # s after the first range
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
 
@@ -58,6 +59,8 @@ class Engine:
         """(3,) m: where the graph's origin lies in the common frame."""
         self.searched = -np.inf
         self.alternatives: list[tuple[float, dict[int, Array]]] = []
+        self._begun: Placed | None = None
+        """Where the reference was followed to be last; None before anybody was followed."""
         self._candidates: tuple[Candidate, ...] = ()
         self._found: Found | None = None
         self._range_weight: float | None = None
@@ -181,8 +184,16 @@ class Engine:
             self._give_up()
             return
         self._contradictions.add(tracking.take_innovations(self._spread), self.now)
-        for user in tracking.members:
-            self.standings[user].placed = self._members.placed(user)
+        self._read_members()
+
+    def _read_members(self) -> None:
+        """Where all are who are followed."""
+        members = self._members
+        assert members is not None
+        for user in members.order:
+            self.standings[user].placed = members.placed(user)
+        if self.reference in members.order:
+            self._begun = self.standings[self.reference].placed
 
     def _give_up(self) -> None:
         """Follow nobody any more: what the graph knew is lost."""
@@ -200,10 +211,14 @@ class Engine:
         if user not in self.tracking.members:
             return
         self._contradictions.forget(user)
-        self.tracking.leave(user)
-        if len(self.tracking.members) == 1:  # nobody beside whom to be
+        if len(self.tracking.members) == 2:  # nobody left beside whom to be
             self._give_up()
-        self._members = Members(self.tracking, self.reference, self.shift) if self.tracking.members else None
+            return
+        try:
+            self.tracking.leave(user)
+            self._members = Members(self.tracking, self.reference, self.shift)
+        except RuntimeError:
+            self._give_up()
 
     @property
     def gauge(self) -> int:
@@ -345,7 +360,7 @@ class Engine:
             if u in sought:
                 self._judge_found(u, found, common)
                 own = found.users[u]
-                vague = own.verdict.state is State.AMBIGUOUS or not own.single
+                vague = own.verdict.state is State.AMBIGUOUS or not own.single or own.progress < _FOLLOWED_AT
                 if not vague and u not in self.tracking.members and (joined := self._joining(u, found, common)):
                     joining[u] = joined
             elif u in self.tracking.members:
@@ -360,8 +375,15 @@ class Engine:
         gauge, own = found.gauge, found.users[found.gauge]
         members = self.tracking.members
         if not members:
-            self.shift = float(np.exp(own.calibration[0])) * found.anchor
-            return np.append(self.shift, 0.0)
+            scale = float(np.exp(own.calibration[0]))
+            if self._begun is None:
+                self.shift = scale * found.anchor
+                return np.append(self.shift, 0.0)
+            # The common frame stays where it was: where the reference was followed to be last, SLAM followed since.
+            height = float(self._begun.state[3]) - scale * float(self._begun.place[2])
+            place = self._at(self._begun, found.anchor)
+            self.shift = np.array([place[0], place[1], height])
+            return np.append(self.shift, float(self._begun.state[2]))
         if gauge not in members:
             return None
         slots = [n for n in found.poses[gauge].slots if self.tracking.has(gauge, n)]
@@ -457,13 +479,18 @@ class Engine:
         """A user who is followed was looked for anew: whether it may be somewhere else."""
         own = found.users[user]
         placed = self._placed(user, own, found, common)
-        if own.verdict.state is State.AMBIGUOUS or (
-            own.verdict.state is State.REGISTERED and self._elsewhere(user, placed)
-        ):
+        if not self._elsewhere(user, placed) or own.verdict.state is State.UNOBSERVABLE:
+            return
+        if self._gain_elsewhere(user, found) > self.parameters.integrity.cost_excluded_nlos:
             self._unfollow(user)
-            reason = "another placement explains its ranges as well"
+            reason = "another placement explains its ranges better"
             self.standings[user].begin_again(self.now, State.AMBIGUOUS, reason)
             self._tell(user)
+
+    def _gain_elsewhere(self, user: int, found: Found) -> float:
+        """Log likelihood that a user's latest ranges gain where a search has it, beside where it is followed to be."""
+        followed = self.tracking.costs_of(user, found.ranges.serial, -found.ranges.residual)
+        return float((followed[0] - followed[1]).sum())
 
     def _joining(self, user: int, found: Found, common: Array) -> JoiningUser | None:
         """A user's slots, as a search found it, in the graph's frame."""
@@ -501,8 +528,7 @@ class Engine:
             self._give_up()
             return
         tracking.take_innovations({})
-        for user in tracking.members:
-            self.standings[user].placed = self._members.placed(user)
+        self._read_members()
 
     def _alternatives_of(self, found: Found, common: Array) -> None:
         """The joint placements of a search, where there is more than one."""
@@ -526,8 +552,9 @@ class Engine:
         gauge = self.gauge
         contradicted = self._contradictions.found(self.now, gauge)
         if contradicted is not None:
-            user, reason = contradicted
-            self._contradict(user, reason)
+            users, reason = contradicted
+            for user in users:
+                self._contradict(user, reason)
             return
         slot = tracking.slot_of(self.now)
         if slot == self._judged:
