@@ -62,13 +62,14 @@ class FollowerState(NamedTuple):
     """... and those that the next update takes out."""
     fixed: list[int]
     touched: int | None
+    left: int
 
 
 class _Placed(NamedTuple):
-    """A factor and its index in the tree; None before the next update."""
+    """A factor and its position in the tree; None before the next update."""
 
     factor: gtsam.NonlinearFactor
-    index: int | None
+    position: int | None
     point: dict[int, Array] | None = None
     """Where it was linearised, if it is linear."""
 
@@ -83,6 +84,7 @@ class Follower:
         self._inserted = gtsam.Values()
         self._slots: dict[int, list[int]] = {}
         self._touched: int | None = None
+        self._left = 0  # users who were taken out, ever
         self._fixed: set[int] = set()  # variables that a marginal ties: they stay linearised where they are
         self._tree, self._at = _tree()
 
@@ -112,8 +114,8 @@ class Follower:
     def put(self, name: Hashable, factor: gtsam.NonlinearFactor, slot: int) -> None:
         """A factor, instead of the one of the same name; `slot` is the earliest that it touches."""
         placed = self._factors.get(name)
-        if placed is not None and placed.index is not None:
-            self._dropped.append(placed.index)
+        if placed is not None and placed.position is not None:
+            self._dropped.append(placed.position)
         self._factors[name] = _Placed(factor, None)
         self._new[name] = None
         self._touched = slot if self._touched is None else min(self._touched, slot)
@@ -141,8 +143,8 @@ class Follower:
         for key in touched:
             if not self._inserted.exists(key):
                 again.push_back(key)
-        # Cliques may hold slots before the first that is touched, which come first, in the order of time too. gtsam takes
-        # no more groups than there are variables to eliminate.
+        # Cliques may hold slots before the first that is touched, which come first, in the order of time too. gtsam
+        # takes no more groups than there are variables to eliminate.
         ordered = list(self._slots.items())[1 - len(touched) :]
         for group, (slot, users) in enumerate(ordered):
             for key in _keys(users, slot):
@@ -150,7 +152,7 @@ class Follower:
         params.constrainedKeys, params.extraReelimKeys, params.noRelinKeys = order, again, _key_list(self._fixed)
         result = self._tree.update(graph, self._inserted, params)
         for name, index in zip(names, result.getNewFactorsIndices(), strict=True):
-            self._factors[name] = self._factors[name]._replace(index=index)
+            self._factors[name] = self._factors[name]._replace(position=index)
         self._new, self._dropped, self._inserted, self._touched = {}, [], gtsam.Values(), None
         self._at = self._tree.getLinearizationPoint()
 
@@ -160,10 +162,11 @@ class Follower:
             return None
         delta = self._tree.getDelta()
         for slot, users in self._slots.items():
-            for u in users:
-                for symbol, key in zip("xhd", _keys([u], slot), strict=True):
-                    if key not in self._fixed and not self._inserted.exists(key) and (np.abs(delta.at(key)) > _THRESHOLDS[symbol]).any():
-                        return slot
+            for symbol, key in zip("xhd" * len(users), _keys(users, slot), strict=True):
+                if key in self._fixed or self._inserted.exists(key):
+                    continue
+                if (np.abs(delta.at(key)) > _THRESHOLDS[symbol]).any():
+                    return slot
         return None
 
     def rebuild(self) -> None:
@@ -181,7 +184,7 @@ class Follower:
     def _build(self, values: gtsam.Values) -> None:
         self._tree, self._at = _tree()
         self._inserted, self._dropped, self._fixed = values, [], set()
-        self._factors = {name: placed._replace(index=None) for name, placed in self._factors.items()}
+        self._factors = {name: placed._replace(position=None) for name, placed in self._factors.items()}
         self._new = dict.fromkeys(self._factors)
         self._touched = next(iter(self._slots), None)
         self.update()
@@ -196,8 +199,8 @@ class Follower:
         """Take a factor out."""
         placed = self._factors.pop(name)
         self._new.pop(name, None)
-        if placed.index is not None:
-            self._dropped.append(placed.index)
+        if placed.position is not None:
+            self._dropped.append(placed.position)
 
     def drop_user(self, user: int) -> None:
         """Take a user's variables out; its ranges must be gone already, its priors are marginalised. Then `rebuild`."""
@@ -211,13 +214,14 @@ class Follower:
             if len(touched) < factor.size():  # it tells of others too
                 linear.push_back(factor.linearize(values))
             self.drop(name)
+        self._left += 1
         present = linear.keys()
         gone = [key for key in sorted(own) if present.count(key)]
         if gone:
             _, left = linear.eliminatePartialSequential(keys.ordering(gone))
             for n in range(left.size()):
                 if left.at(n) is not None and left.at(n).size():
-                    name = ("marginal", "of", user, n, next(iter(self._slots)))
+                    name = ("marginal", "of", self._left, n)
                     self._factors[name] = _linear(left.at(n), values, None)
                     self._new[name] = None
         for key in own:
@@ -235,7 +239,7 @@ class Follower:
         marginal = [key for slot in leaves for key in _keys(self._slots[slot], slot)]
         left, gone = self._tree.marginalizeLeavesWithIndices(_key_list(marginal))
         deleted = set(gone)
-        self._factors = {name: placed for name, placed in self._factors.items() if placed.index not in deleted}
+        self._factors = {name: placed for name, placed in self._factors.items() if placed.position not in deleted}
         graph, self._at = self._tree.getFactorsUnsafe(), self._tree.getLinearizationPoint()
         for index in left:
             # gtsam's own does not know where it was linearised, and would be wrong in a tree that is built anew.
@@ -269,9 +273,7 @@ class Follower:
     def to_state(self) -> FollowerState:
         """All of it but for the factors that are not linear, which `from_state` is given again."""
         graph, at = self._tree.getFactorsUnsafe(), self._tree.getLinearizationPoint()
-        linear = {
-            name: _rows(placed.factor, placed.point) for name, placed in self._factors.items() if placed.point is not None
-        }
+        linear = {name: _rows(factor, point) for name, (factor, _, point) in self._factors.items() if point is not None}
         dropped = [graph.at(index) for index in self._dropped]
         point = []
         for values in (at, self._inserted):
@@ -280,11 +282,12 @@ class Follower:
         return FollowerState(
             {slot: list(users) for slot, users in self._slots.items()},
             point,
-            [(name, placed.index is not None) for name, placed in self._factors.items()],
+            [(name, placed.position is not None) for name, placed in self._factors.items()],
             linear,
             [_rows(factor, {key: _value(at, key) for key in factor.keys()}) for factor in dropped],  # noqa: SIM118
             sorted(self._fixed),
             self._touched,
+            self._left,
         )
 
     @classmethod
@@ -303,7 +306,7 @@ class Follower:
         for name, is_there in state.names:
             placed = _of_rows(state.linear[name]) if name in state.linear else _Placed(factors[name], None)
             if is_there:
-                placed = placed._replace(index=graph.size())
+                placed = placed._replace(position=graph.size())
                 graph.push_back(placed.factor)
             else:
                 out._new[name] = None
@@ -316,7 +319,7 @@ class Follower:
         params.constrainedKeys = order
         if graph.size():
             out._tree.update(graph, at, params)
-        out._fixed, out._touched = set(state.fixed), state.touched
+        out._fixed, out._touched, out._left = set(state.fixed), state.touched, state.left
         out._at = out._tree.getLinearizationPoint()
         return out
 
@@ -336,10 +339,10 @@ def _key_list(of: Iterable[int]) -> gtsam.KeyList:
     return out
 
 
-def _linear(factor: gtsam.GaussianFactor, values: gtsam.Values, index: int | None) -> _Placed:
+def _linear(factor: gtsam.GaussianFactor, values: gtsam.Values, position: int | None) -> _Placed:
     """A linear factor that knows where it was linearised."""
     point = {key: _value(values, key) for key in factor.keys()}  # noqa: SIM118
-    return _Placed(gtsam.LinearContainerFactor(factor, values), index, point)
+    return _Placed(gtsam.LinearContainerFactor(factor, values), position, point)
 
 
 def _value(values: gtsam.Values, key: int) -> Array:
