@@ -57,7 +57,7 @@ def test_only_users_at_fault_have_tracks_that_the_truth_belies(kind_and_fault: t
     if kind == "train, all see the world":
         for name in fault.simulation.truth:
             assert np.ptp(true_frames_along(fault.simulation, REFERENCE, name), axis=0).max() < 0.5
-            assert fault.simulation.recording.tracks[name].extent() > 100.0
+            assert fault.simulation.recording.tracks[name].extent() > 25.0
         return
     truth = true_tracks(fault.simulation, REFERENCE)
     astray = set()
