@@ -201,12 +201,13 @@ class Engine:
         if user not in self.tracking.members:
             return
         self._contradictions.forget(user)
+        if len(self.tracking.members) == 2:  # nobody left beside whom to be
+            self._give_up()
+            return
         try:
             self.tracking.leave(user)
             self._members = Members(self.tracking, self.reference, self.shift)
-        except RuntimeError:  # gtsam: the graph without it is singular
-            self._give_up()
-        if len(self.tracking.members) == 1:  # nobody beside whom to be
+        except RuntimeError:
             self._give_up()
 
     @property
