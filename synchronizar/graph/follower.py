@@ -7,7 +7,7 @@ replaced cheaply as ranges come, and the oldest slot is a leaf, which is margina
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Mapping
 from typing import NamedTuple
 
 import gtsam
@@ -38,11 +38,40 @@ class SlotState(NamedTuple):
     """(3,) log scale, radio bias (m), clock offset (s) minus the assumed one."""
 
 
+class LinearRows(NamedTuple):
+    """A linear factor: rows times the tangents at a point."""
+
+    keys: list[int]
+    rows: Array
+    """(m, n + 1): columns of each variable in turn, then the right side."""
+    point: list[Array]
+    """Of each variable, where its tangents are taken: x, y, yaw of a pose."""
+
+
+class FollowerState(NamedTuple):
+    """All that a `Follower` needs to go on as it would have, but for the factors that are known from elsewhere."""
+
+    slots: dict[int, list[int]]
+    point: list[tuple[list[int], list[Array]]]
+    """Keys and values: where the tree is linearised; then of what no update has seen yet."""
+    names: list[tuple[Hashable, bool]]
+    """Of all factors, and whether the tree has them already."""
+    linear: dict[Hashable, LinearRows]
+    """Those of the factors that are linear, ..."""
+    dropped: list[LinearRows]
+    """... and those that the next update takes out."""
+    fixed: list[int]
+    touched: int | None
+    left: int
+
+
 class _Placed(NamedTuple):
-    """A factor and its index in the tree; None before the next update."""
+    """A factor and its position in the tree; None before the next update."""
 
     factor: gtsam.NonlinearFactor
-    index: int | None
+    position: int | None
+    point: dict[int, Array] | None = None
+    """Where it was linearised, if it is linear."""
 
 
 class Follower:
@@ -55,6 +84,8 @@ class Follower:
         self._inserted = gtsam.Values()
         self._slots: dict[int, list[int]] = {}
         self._touched: int | None = None
+        self._left = 0  # users who were taken out, ever
+        self._fixed: set[int] = set()  # variables that a marginal ties: they stay linearised where they are
         self._tree, self._at = _tree()
 
     # What is in it
@@ -83,8 +114,8 @@ class Follower:
     def put(self, name: Hashable, factor: gtsam.NonlinearFactor, slot: int) -> None:
         """A factor, instead of the one of the same name; `slot` is the earliest that it touches."""
         placed = self._factors.get(name)
-        if placed is not None and placed.index is not None:
-            self._dropped.append(placed.index)
+        if placed is not None and placed.position is not None:
+            self._dropped.append(placed.position)
         self._factors[name] = _Placed(factor, None)
         self._new[name] = None
         self._touched = slot if self._touched is None else min(self._touched, slot)
@@ -112,16 +143,16 @@ class Follower:
         for key in touched:
             if not self._inserted.exists(key):
                 again.push_back(key)
-        # Cliques may hold slots before the first that is touched, which come first, in the order of time too. gtsam takes
-        # no more groups than there are variables to eliminate.
+        # Cliques may hold slots before the first that is touched, which come first, in the order of time too. gtsam
+        # takes no more groups than there are variables to eliminate.
         ordered = list(self._slots.items())[1 - len(touched) :]
         for group, (slot, users) in enumerate(ordered):
             for key in _keys(users, slot):
                 order.insert2(key, group)
-        params.constrainedKeys, params.extraReelimKeys = order, again
+        params.constrainedKeys, params.extraReelimKeys, params.noRelinKeys = order, again, _key_list(self._fixed)
         result = self._tree.update(graph, self._inserted, params)
         for name, index in zip(names, result.getNewFactorsIndices(), strict=True):
-            self._factors[name] = self._factors[name]._replace(index=index)
+            self._factors[name] = self._factors[name]._replace(position=index)
         self._new, self._dropped, self._inserted, self._touched = {}, [], gtsam.Values(), None
         self._at = self._tree.getLinearizationPoint()
 
@@ -131,10 +162,11 @@ class Follower:
             return None
         delta = self._tree.getDelta()
         for slot, users in self._slots.items():
-            for u in users:
-                for symbol, key in zip("xhd", _keys([u], slot), strict=True):
-                    if not self._inserted.exists(key) and (np.abs(delta.at(key)) > _THRESHOLDS[symbol]).any():
-                        return slot
+            for symbol, key in zip("xhd" * len(users), _keys(users, slot), strict=True):
+                if key in self._fixed or self._inserted.exists(key):
+                    continue
+                if (np.abs(delta.at(key)) > _THRESHOLDS[symbol]).any():
+                    return slot
         return None
 
     def rebuild(self) -> None:
@@ -151,8 +183,8 @@ class Follower:
 
     def _build(self, values: gtsam.Values) -> None:
         self._tree, self._at = _tree()
-        self._inserted, self._dropped = values, []
-        self._factors = {name: placed._replace(index=None) for name, placed in self._factors.items()}
+        self._inserted, self._dropped, self._fixed = values, [], set()
+        self._factors = {name: placed._replace(position=None) for name, placed in self._factors.items()}
         self._new = dict.fromkeys(self._factors)
         self._touched = next(iter(self._slots), None)
         self.update()
@@ -167,29 +199,30 @@ class Follower:
         """Take a factor out."""
         placed = self._factors.pop(name)
         self._new.pop(name, None)
-        if placed.index is not None:
-            self._dropped.append(placed.index)
+        if placed.position is not None:
+            self._dropped.append(placed.position)
 
     def drop_user(self, user: int) -> None:
         """Take a user's variables out; its ranges must be gone already, its priors are marginalised. Then `rebuild`."""
         own = {key for slot, users in self._slots.items() if user in users for key in _keys([user], slot)}
         values = self.estimates()
         linear = gtsam.GaussianFactorGraph()
-        for name, (factor, _) in list(self._factors.items()):
+        for name, (factor, _, _) in list(self._factors.items()):
             touched = own.intersection(factor.keys())
             if not touched:
                 continue
             if len(touched) < factor.size():  # it tells of others too
                 linear.push_back(factor.linearize(values))
             self.drop(name)
+        self._left += 1
         present = linear.keys()
         gone = [key for key in sorted(own) if present.count(key)]
         if gone:
             _, left = linear.eliminatePartialSequential(keys.ordering(gone))
             for n in range(left.size()):
                 if left.at(n) is not None and left.at(n).size():
-                    name = ("marginal", "of", user, n, next(iter(self._slots)))
-                    self._factors[name] = _Placed(gtsam.LinearContainerFactor(left.at(n), values), None)
+                    name = ("marginal", "of", self._left, n)
+                    self._factors[name] = _linear(left.at(n), values, None)
                     self._new[name] = None
         for key in own:
             values.erase(key)
@@ -203,19 +236,19 @@ class Follower:
         if not leaves:
             return
         self.update()
-        listed = gtsam.KeyList()
-        for slot in leaves:
-            for key in _keys(self._slots[slot], slot):
-                listed.push_back(key)
-        left, gone = self._tree.marginalizeLeavesWithIndices(listed)
+        marginal = [key for slot in leaves for key in _keys(self._slots[slot], slot)]
+        left, gone = self._tree.marginalizeLeavesWithIndices(_key_list(marginal))
         deleted = set(gone)
-        self._factors = {name: placed for name, placed in self._factors.items() if placed.index not in deleted}
-        graph = self._tree.getFactorsUnsafe()
+        self._factors = {name: placed for name, placed in self._factors.items() if placed.position not in deleted}
+        graph, self._at = self._tree.getFactorsUnsafe(), self._tree.getLinearizationPoint()
         for index in left:
-            self._factors["marginal", before, index] = _Placed(graph.at(index), index)
+            # gtsam's own does not know where it was linearised, and would be wrong in a tree that is built anew.
+            placed = _linear(graph.at(index).linearize(self._at), self._at, index)
+            self._factors["marginal", before, index] = placed
+            self._fixed.update(placed.factor.keys())
         for slot in leaves:
             del self._slots[slot]
-        self._at = self._tree.getLinearizationPoint()
+        self._fixed.difference_update(marginal)
 
     # What it tells
 
@@ -235,6 +268,61 @@ class Follower:
         units = np.tile(np.concatenate([np.ones(4), CALIBRATION_UNITS]), len(wanted) // 3)
         return np.asarray(units[:, None] * self._tree.jointMarginalCovariance(wanted).fullMatrix() * units)
 
+    # To and from plain arrays
+
+    def to_state(self) -> FollowerState:
+        """All of it but for the factors that are not linear, which `from_state` is given again."""
+        graph, at = self._tree.getFactorsUnsafe(), self._tree.getLinearizationPoint()
+        linear = {name: _rows(factor, point) for name, (factor, _, point) in self._factors.items() if point is not None}
+        dropped = [graph.at(index) for index in self._dropped]
+        point = []
+        for values in (at, self._inserted):
+            listed = list(values.keys())
+            point.append((listed, [_value(values, key) for key in listed]))
+        return FollowerState(
+            {slot: list(users) for slot, users in self._slots.items()},
+            point,
+            [(name, placed.position is not None) for name, placed in self._factors.items()],
+            linear,
+            [_rows(factor, {key: _value(at, key) for key in factor.keys()}) for factor in dropped],  # noqa: SIM118
+            sorted(self._fixed),
+            self._touched,
+            self._left,
+        )
+
+    @classmethod
+    def from_state(cls, state: FollowerState, factors: Mapping[Hashable, gtsam.NonlinearFactor]) -> Follower:
+        """The follower that `to_state` was called of, its tree linearised where it was.
+
+        `factors` are those that are not linear. KeyError or RuntimeError where what is given does not fit together.
+        """
+        out = cls()
+        out._slots = {slot: list(users) for slot, users in state.slots.items()}
+        at, out._inserted = (_values(dict(zip(*part, strict=True))) for part in state.point)
+        graph = gtsam.NonlinearFactorGraph()
+        for rows in state.dropped:
+            graph.push_back(_of_rows(rows).factor)
+        out._dropped = list(range(len(state.dropped)))
+        for name, is_there in state.names:
+            placed = _of_rows(state.linear[name]) if name in state.linear else _Placed(factors[name], None)
+            if is_there:
+                placed = placed._replace(position=graph.size())
+                graph.push_back(placed.factor)
+            else:
+                out._new[name] = None
+            out._factors[name] = placed
+        order, params = gtsam.KeyGroupMap(), gtsam.ISAM2UpdateParams()
+        for group, (slot, users) in enumerate(out._slots.items()):
+            for key in _keys(users, slot):
+                if at.exists(key):
+                    order.insert2(key, group)
+        params.constrainedKeys = order
+        if graph.size():
+            out._tree.update(graph, at, params)
+        out._fixed, out._touched, out._left = set(state.fixed), state.touched, state.left
+        out._at = out._tree.getLinearizationPoint()
+        return out
+
 
 def _keys(users: Iterable[int], slot: int) -> list[int]:
     return [
@@ -242,6 +330,60 @@ def _keys(users: Iterable[int], slot: int) -> list[int]:
         for u in users
         for key in (keys.slot_pose(u, slot), keys.slot_height(u, slot), keys.slot_calibration(u, slot))
     ]
+
+
+def _key_list(of: Iterable[int]) -> gtsam.KeyList:
+    out = gtsam.KeyList()
+    for key in of:
+        out.push_back(key)
+    return out
+
+
+def _linear(factor: gtsam.GaussianFactor, values: gtsam.Values, position: int | None) -> _Placed:
+    """A linear factor that knows where it was linearised."""
+    point = {key: _value(values, key) for key in factor.keys()}  # noqa: SIM118
+    return _Placed(gtsam.LinearContainerFactor(factor, values), position, point)
+
+
+def _value(values: gtsam.Values, key: int) -> Array:
+    """The value of a variable, as numbers."""
+    symbol = chr(gtsam.symbolChr(key))
+    if symbol == "x":
+        pose = values.atPose2(key)
+        return np.array([pose.x(), pose.y(), pose.theta()])
+    return np.array([values.atDouble(key)]) if symbol == "h" else np.array(values.atVector(key))
+
+
+def _values(of: Mapping[int, Array]) -> gtsam.Values:
+    """Variables from their numbers."""
+    out = gtsam.Values()
+    for key, numbers in of.items():
+        symbol = chr(gtsam.symbolChr(key))
+        out.insert(key, gtsam.Pose2(*numbers) if symbol == "x" else float(numbers[0]) if symbol == "h" else numbers)
+    return out
+
+
+def _rows(factor: gtsam.NonlinearFactor, point: Mapping[int, Array]) -> LinearRows:
+    """A factor linearised at a point."""
+    linear = factor.linearize(_values(point))
+    matrix, right = linear.jacobian()
+    listed = list(linear.keys())
+    return LinearRows(listed, np.column_stack([matrix, right]), [point[key] for key in listed])
+
+
+def _of_rows(of: LinearRows) -> _Placed:
+    """A linear factor from its rows: gtsam's own takes no more than three variables from Python."""
+    spans = keys.rows(of.keys)
+
+    def error(_: gtsam.CustomFactor, __: gtsam.Values, jacobians: list[Array] | None) -> Array:
+        if jacobians is not None:
+            for n, span in enumerate(spans):
+                jacobians[n] = of.rows[:, span].copy()
+        return np.asarray(-of.rows[:, -1])
+
+    values = _values(dict(zip(of.keys, of.point, strict=True)))
+    custom = gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(len(of.rows)), of.keys, error)
+    return _linear(custom.linearize(values), values, None)
 
 
 def _tree() -> tuple[gtsam.ISAM2, gtsam.Values]:

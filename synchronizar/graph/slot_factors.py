@@ -1,8 +1,8 @@
 """Factors of the graph that follows people: SLAM's steps from slot to slot, priors of those who join, ranges of a slot.
 
 Variables, per user and slot: X (Pose2) is the device's place in the common frame and how its SLAM's axes lie there, H
-(double, m) the device's height, D (Vector 3) log scale, radio bias and clock offset, in CALIBRATION_UNITS. X is the relative frame
-composed with SLAM's own pose of that moment, so a drift of the heading turns about the device.
+(double, m) the device's height, D (Vector 3) log scale, radio bias and clock offset, in CALIBRATION_UNITS. X is the
+relative frame composed with SLAM's own pose of that moment, so a drift of the heading turns about the device.
 """
 
 from __future__ import annotations
@@ -82,9 +82,7 @@ def step_factor(user: int, begin: int, end: int, step: SlamStep, parameters: Par
                 [[ct * plane, -st * plane, 0.0], [st * plane, ct * plane, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, turn]]
             )
             jacobians[4] = np.array([[0.0], [0.0], [up], [0.0]])
-        return np.array(
-            [(x - scale * dx) * plane, (y - scale * dy) * plane, (rise - scale * dz) * up, turned * turn]
-        )
+        return np.array([(x - scale * dx) * plane, (y - scale * dy) * plane, (rise - scale * dz) * up, turned * turn])
 
     return gtsam.CustomFactor(_student(parameters.slam.drift_dof), [here, low, device, there, high], error)
 
@@ -121,15 +119,13 @@ class Joining(NamedTuple):
     """(3,) 1 sigma of its log scale, bias (m) and clock (s) about what all devices share."""
 
 
-def joining_prior(
-    new: Sequence[Joining], known: Sequence[Joining], shared_sigma: Array
-) -> gtsam.CustomFactor:
+def joining_prior(new: Sequence[Joining], known: Sequence[Joining], shared_sigma: Array) -> gtsam.CustomFactor:
     """Prior of the heights of origins and of the calibrations of users who join, given those who are there already.
 
     An origin lies at h = H - exp(log scale) z about the level L of all; a device's calibration deviates from what all
-    share, K, which has 1 sigma `shared_sigma` (3,) about 0. L and K are marginalised out: with precisions p of those who
-    join, and L or K known from the others with precision P as m, the rows are sqrt(p) (h - M) and sqrt(P) (m - M), where
-    M is the mean of all.
+    share, K, which has 1 sigma `shared_sigma` (3,) about 0. L and K are marginalised out: with precisions p of those
+    who join, and L or K known from the others with precision P as m, the rows are sqrt(p) (h - M) and sqrt(P) (m - M),
+    where M is the mean of all.
     """
     everybody = [*new, *known]
     weight = np.array([[u.height_sigma**-2, *(u.calibration_sigma**-2)] for u in everybody])
@@ -202,10 +198,10 @@ class SlotRangeFactor(gtsam.CustomFactor):
             full = np.zeros((rows, size + 1))
             full[: len(root)] = root
             for n in range(len(users)):
-                at = 7 * n
-                jacobians[3 * n] = full[:, at : at + 3]
-                jacobians[3 * n + 1] = full[:, at + 3 : at + 4]
-                jacobians[3 * n + 2] = full[:, at + 4 : at + 7] * CALIBRATION_UNITS
+                own = full[:, 7 * n : 7 * n + 7]
+                jacobians[3 * n] = own[:, :3]
+                jacobians[3 * n + 1] = own[:, 3:4]
+                jacobians[3 * n + 2] = own[:, 4:] * CALIBRATION_UNITS
             return full[:, -1]
 
         names = [key for triple in zip(poses, heights, calibrations, strict=True) for key in triple]

@@ -7,7 +7,7 @@ by more than noise. So many too short ones, or next to nothing but misfits, have
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,14 +38,22 @@ class Contradictions:
         """More of them."""
         longest = max(self._parameters.integrity.innovation_windows)
         kept = self._recent.t > now - longest
-        self._recent = Innovations(
-            *(np.concatenate([old[kept], more]) for old, more in zip(self._recent, new, strict=True))
-        )
+        columns: Any = zip(self._recent, new, strict=True)
+        self._recent = Innovations(*(np.concatenate([old[kept], more]) for old, more in columns))
 
     def forget(self, user: int) -> None:
         """Those of a user."""
         kept = (self._recent.i != user) & (self._recent.j != user)
         self._recent = Innovations(*(column[kept] for column in self._recent))
+
+    @property
+    def recent(self) -> Innovations:
+        """Those that are remembered."""
+        return self._recent
+
+    def restore(self, recent: Innovations) -> None:
+        """Remember just these."""
+        self._recent = recent
 
     def found(self, now: float, gauge: int) -> tuple[list[int], str] | None:
         """The users whose latest ranges contradict them, and why; None: there are none.

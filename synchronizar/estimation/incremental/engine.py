@@ -9,11 +9,12 @@ second (contradictions.py), and so does a jump of its SLAM until it is mended.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from synchronizar.arrays import Array, Indices
+from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.jump import Jump
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
@@ -232,9 +233,7 @@ class Engine:
 
     def _sought(self) -> list[int]:
         """Users that range and are not proven."""
-        return [
-            u for u, s in enumerate(self.standings) if s.since is not None and not s.proven and u != self.gauge
-        ]
+        return [u for u, s in enumerate(self.standings) if s.since is not None and not s.proven and u != self.gauge]
 
     def _search_due(self) -> bool:
         sought = self._sought()
@@ -333,7 +332,7 @@ class Engine:
         frames, calibration = np.full((len(self.users), 4), np.nan), np.zeros((len(self.users), 3))
         for u in known:
             slot = next(slot for slot, users in tracking.follower.slots.items() if u in users)
-            stamp, place = tracking.stamp_at(u, slot)
+            _, place = tracking.stamp_at(u, slot)
             x, y, yaw, height = tracking.state_at(u, slot)[:4].tolist()
             calibration[u] = tracking.members[u].state[4:]
             calibration[u, 2] += tracking.assumed_clock[u]
@@ -569,13 +568,10 @@ class Engine:
             tracked = tracking.members[user]
             since = tracked.stamp - (self.now - self._window_begin())
             extent = members.extent(user, since)
-            verdict, near, _ = members.verdict(
-                user, gauge, extent, float(recent[user]), standing.is_registered
-            )
+            verdict, near, _ = members.verdict(user, gauge, extent, float(recent[user]), standing.is_registered)
             relative = members.relative(user, gauge)
             self._spread[user] = float(np.sqrt(max(np.linalg.eigvalsh(relative[:2, :2])[-1], 0.0)))
             standing.verdict, standing.progress = verdict, near
-            stream = self.streams[user]
             state, reason = verdict.state, verdict.reason
             if state is not standing.state:
                 standing.state, standing.reason = state, reason
@@ -653,11 +649,11 @@ class Engine:
             return place, attitude
         return self._at(placed, place), multiply_quaternions(yaw_quaternion(float(placed.state[2])), attitude)
 
-    def range_verdicts(self, serial: Array) -> tuple[Array, Array, Array, Array]:
-        """Of ranges by running index (n,): usable, probability of line of sight, weight (1/m^2), measured - predicted."""
+    def range_verdicts(self, serial: Indices) -> tuple[Mask, Array, Array, Array]:
+        """Of ranges by running index (n,): usable, probability of line of sight, weight (1/m^2), residual (m)."""
         n = len(serial)
         usable, inlier, weight, residual = np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n), np.full(n, np.nan)
-        order = np.argsort(serial)
+        order = np.argsort(serial).astype(np.int32)
         if self._found is not None:
             of = self._found.ranges
             at, there = _rows_of(of.serial, serial, order)
@@ -666,7 +662,7 @@ class Engine:
         rows = self.tracking.ranges.rows
         if len(rows):
             followed, off, bring = self.tracking.range_verdicts()
-            at, there = _rows_of(rows[:, SERIAL].astype(int), serial, order)
+            at, there = _rows_of(rows[:, SERIAL].astype(np.int32), serial, order)
             usable[at], inlier[at], weight[at], residual[at] = True, followed[there], bring[there], off[there]
         return usable, inlier, weight, residual
 
@@ -680,6 +676,35 @@ class Engine:
         arm = apply_frames(np.array([0.0, 0.0, 0.0, place[3]]), np.exp(log_scale) * (at - offset))
         return np.append(place[:3] - arm, wrap_angle(float(place[3] + turned)))
 
+    # To and from plain values
+
+    def to_state(self) -> dict[str, Any]:
+        """All that it knows, as `restore` takes it; a search that is going on is not waited for."""
+        return {name: getattr(self, name) for name in _KEPT} | {
+            "streams": [None if stream is None else stream.state() for stream in self.streams],
+            "ranges": (self.log.rows.copy(), self.log.added),
+            "innovations": self._contradictions.recent,
+            "tracking": self.tracking.state(),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """What `to_state` told of an engine of the same users. KeyError, ValueError or TypeError if it is malformed."""
+        for name in _KEPT:
+            setattr(self, name, state[name])
+        for u, of_user in enumerate(state["streams"]):
+            self.streams[u] = None if of_user is None else PoseStream.from_state(self.parameters, of_user)
+        self.log.restore(*state["ranges"])
+        self._contradictions.restore(state["innovations"])
+        self.tracking.restore(state["tracking"])
+        if self.tracking.members:
+            self._members = Members(self.tracking, self.reference, self.shift)
+
+
+_KEPT = (
+    *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found", "_range_weight"),
+    *("_followed_until", "_extents", "_spread", "_events", "_judged", "_checked"),
+)
+
 
 def _track_from(stream: PoseStream, stamp: float, tail: Tail) -> tuple[Track, Indices]:
     """A track from a stamp on, and the segments of its poses; it begins there where the pose is known."""
@@ -691,7 +716,7 @@ def _track_from(stream: PoseStream, stamp: float, tail: Tail) -> tuple[Track, In
     return Track(t, position, normalized_quaternions(quat)), segment
 
 
-def _rows_of(known: Array, serial: Array, order: Array) -> tuple[Array, Array]:
+def _rows_of(known: Indices, serial: Indices, order: Indices) -> tuple[Indices, Indices]:
     """Where those of `serial` stand that are known, and which of the known ones they are."""
     at = np.searchsorted(serial, known, sorter=order)
     there = np.flatnonzero(at < len(serial))

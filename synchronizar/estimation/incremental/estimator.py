@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,8 @@ from synchronizar.data.registration import RangeVerdicts, Registration, State, U
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.incremental.engine import Engine
-from synchronizar.estimation.incremental.told import registration_now
 from synchronizar.estimation.incremental.state_file import load, save
+from synchronizar.estimation.incremental.told import registration_now
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.parameters import Parameters
 
@@ -138,7 +137,10 @@ class Estimator:
         return self._do(lambda engine: engine.add_range(stamp, ends[0], ends[1], measured, **columns))
 
     def add_user(self, name: str, **settings: Any) -> None:
-        """One more user, with settings as in recording.toml. Raises ValueError for a name that is there, or a setting."""
+        """One more user, with settings as in recording.toml.
+
+        Raises ValueError for a name that is there already, or a setting that is none.
+        """
         if name in self._index:
             raise ValueError(f"name: there is a user {name!r} already")
         (user,) = _known_users({name: settings}, self._up)
@@ -199,16 +201,15 @@ class Estimator:
         """Write all that it knows to a file. Raises InputError where that cannot be, or there is nothing yet."""
         if self._engine is None:
             raise InputError(path, f"there is nothing to save: {_NOBODY_MOVED}")
-        save(self._engine, path)
+        save(self._engine, path, {"up": self._up, "refused": dict(self.refused), "told": dict(self._told)})
 
     @classmethod
-    def load(
-        cls, path: str | Path, parameters: Parameters | None = None, workers: int | None = None
-    ) -> Estimator:
+    def load(cls, path: str | Path, parameters: Parameters | None = None, workers: int | None = None) -> Estimator:
         """Go on from a file that `save` wrote, and say what the saved one said. Raises InputError where it is none."""
-        engine = load(path, parameters or Parameters(), _usual_workers() if workers is None else workers)
-        out = cls({user.name: _settings(user) for user in engine.users}, parameters=parameters, workers=workers)
-        out.users = engine.users
+        engine, face = load(path, parameters or Parameters(), _usual_workers() if workers is None else workers)
+        settings = {user.name: _settings(user) for user in engine.users}
+        out = cls(settings, up=face["up"], parameters=parameters, workers=workers)
+        out.users, out.refused, out._told = engine.users, Counter(face["refused"]), Counter(face["told"])
         out._index = {user.name: u for u, user in enumerate(out.users)}
         out._engine = engine
         return out

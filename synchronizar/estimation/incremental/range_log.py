@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,7 @@ class RangeLog:
 
     def ranges(self, rows: Array) -> Ranges:
         """Rows (n, columns) as ranges."""
-        columns = {
+        columns: dict[str, Any] = {
             name: rows[:, n].astype(np.int32) if name in _WHOLE else rows[:, n].copy()
             for n, name in enumerate(COLUMNS[:-1])
         }

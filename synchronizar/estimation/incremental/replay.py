@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Indices
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State
@@ -110,15 +110,15 @@ class _Known:
 
     def read(self) -> None:
         """The verdicts on the ranges of the recent past."""
-        serial = self.engine.log.rows[:, -1].astype(int)
+        serial = self.engine.log.rows[:, -1].astype(np.int32)
         usable, inlier, weight, residual = self.engine.range_verdicts(serial)
         at = self.rows_of(serial[usable])
         self._usable[at], self._used[at] = True, inlier[usable] > 0.5
         self._weight[at], self._residual[at] = weight[usable], residual[usable]
 
-    def rows_of(self, serial: Array) -> Array:
+    def rows_of(self, serial: Indices) -> Indices:
         """Rows of the recording, by running index: ranges are told in the order of time."""
-        return self._order[serial]
+        return np.asarray(self._order[serial], dtype=np.int32)
 
     def registration(self, tracks: dict[str, Track], seconds: dict[str, float]) -> Registration:
         """At the end, about each user's last pose."""

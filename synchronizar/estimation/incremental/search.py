@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from synchronizar.arrays import Array
@@ -127,7 +125,8 @@ def _candidate(optimum: LocalOptimum) -> Candidate:
 def _found(snapshot: Snapshot, assessed: Assessment, user: int) -> FoundUser:
     graph, states = assessed.optimum.graph, assessed.optimum.states
     verdict, sigma = assessed.verdicts[user], assessed.calibration_sigma
-    assert verdict is not None and sigma is not None
+    assert verdict is not None
+    assert sigma is not None
     poses = snapshot.poses[user]
     place, turned = corrected(states.keyframe_poses[user], graph.keyframes[user], poses.stamps, poses.places)
     frame = np.broadcast_to(states.anchor_poses[user], (len(place), 4))

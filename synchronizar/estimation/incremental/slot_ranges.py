@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from synchronizar._core import RangeSlot
-from synchronizar.arrays import Array, Indices
+from synchronizar.arrays import Array, Indices, Mask
 
-T, I, J, DISTANCE, SIGMA, ODDS, LINK, SLOT, NLOS_ODDS, WEIGHT, SERIAL = range(11)
+T, USER_I, USER_J, DISTANCE, SIGMA, ODDS, LINK, SLOT, NLOS_ODDS, WEIGHT, SERIAL = range(11)
 """Columns of what is known of each range: s, users, m, 1 sigma of the model (m), prior odds, antennas, slot; NLOS odds
 given the other ranges, range weight; running index of each range that was ever added."""
 _END = 9  # columns of an end: offset, lever, velocity, (3,) each
@@ -40,11 +40,18 @@ class SlotRanges:
         self._table[self._count : needed] = np.hstack([known, *i, *j])
         self._count = needed
 
-    def keep(self, which: Array) -> None:
+    def keep(self, which: Mask) -> None:
         """Forget all rows but these (n,)."""
         left = self.rows[which].copy()
         self._table[: len(left)] = left
         self._count = len(left)
+
+    def restore(self, rows: Array) -> None:
+        """Just these rows (n, columns). ValueError where they have other columns."""
+        if rows.ndim != 2 or rows.shape[1] != _COLUMNS:
+            raise ValueError(f"a table of {_COLUMNS} columns is needed")
+        self._table = np.concatenate([rows, np.empty((_FIRST_ROWS, _COLUMNS))])
+        self._count = len(rows)
 
     def of_slot(self, slot: int) -> Indices:
         """Rows of a slot."""
@@ -57,7 +64,7 @@ class SlotRanges:
 
 def block_of(rows: Array) -> tuple[list[int], RangeSlot]:
     """The users of ranges (n, columns) of one slot, and the ranges for the graph."""
-    users, ends = np.unique(rows[:, [I, J]].astype(np.int32), return_inverse=True)
+    users, ends = np.unique(rows[:, [USER_I, USER_J]].astype(np.int32), return_inverse=True)
     ends = ends.reshape(-1, 2).astype(np.int32)
     first = SERIAL + 1
     i, j = (

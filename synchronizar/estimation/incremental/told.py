@@ -78,7 +78,7 @@ def _about_origin(engine: Engine, u: int, placed: Placed) -> tuple[Array, Array,
     """common_from_user (4,), its covariance (4, 4), and the direction seen least (4,), about the user's own origin."""
     user, verdict = engine.users[u], engine.standings[u].verdict
     frame = engine.own_frame(u, placed)
-    x, y, yaw, height = placed.state[:4].tolist()
+    x, y, _, height = placed.state[:4].tolist()
     arm = np.array([x, y, height]) - frame[:3]
     own = OwnFrames(np.ones(1), np.zeros(1), np.zeros((1, 3)), np.zeros(4), np.zeros(3))
     by_last = own.derivatives(np.zeros((1, 4)))[0]
@@ -101,10 +101,10 @@ def _frame(user: User, frame: Array, scale: float) -> YawFrame:
 
 def range_verdicts(engine: Engine) -> RangeVerdicts:
     """What became of each range of the recent past, by time."""
-    serial = engine.log.rows[:, -1].astype(int)
-    order = np.lexsort([serial, engine.log.rows[:, 0]])
+    serial = engine.log.rows[:, -1].astype(np.int32)
+    order = np.lexsort((serial, engine.log.rows[:, 0]))
     usable, inlier, weight, residual = engine.range_verdicts(serial[order])
     return RangeVerdicts(usable, usable & (inlier > 0.5), weight, residual)
 
 
-__all__ = ["NO_CHAIN", "NOTHING_SOLVED", "range_verdicts", "registration_now", "user_now"]
+__all__ = ["NOTHING_SOLVED", "NO_CHAIN", "range_verdicts", "registration_now", "user_now"]

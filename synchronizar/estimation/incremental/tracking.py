@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
-from typing import NamedTuple
+from collections.abc import Container, Hashable, Mapping
+from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
 
 from synchronizar._core import burst_nlos_odds_of_pairs, mixture_terms
-from synchronizar.arrays import Array, Indices
+from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.contradictions import Innovations
 from synchronizar.estimation.incremental.slot_ranges import (
     DISTANCE,
-    I,
-    J,
     LINK,
     NLOS_ODDS,
     ODDS,
-    SERIAL,
     SIGMA,
     SLOT,
+    USER_I,
+    USER_J,
     WEIGHT,
     SlotRanges,
     T,
     block_of,
 )
-from synchronizar.graph.follower import Follower, SlotState
 from synchronizar.graph import keys
+from synchronizar.graph.follower import Follower, SlotState
 from synchronizar.graph.pose_graph import calibration_sigmas
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.slot_factors import (
@@ -95,9 +94,10 @@ class NewRanges(NamedTuple):
     antenna_j: Indices
     serial: Indices
 
-    def part(self, which: Array) -> NewRanges:
-        """Those selected by a mask or indices."""
-        return NewRanges(*(column[which] for column in self))
+    def part(self, which: Mask) -> NewRanges:
+        """Those selected by a mask."""
+        columns: Any = self
+        return NewRanges(*(column[which] for column in columns))
 
 
 class Tracking:
@@ -120,6 +120,11 @@ class Tracking:
         self._weight: dict[tuple[int, int], float] = {}
         self._judged_at = -1
         self._untaken: list[Array] = []
+        # What factors are made of, for them to be made again.
+        self._steps: dict[tuple[int, int], tuple[int, SlamStep]] = {}
+        self._priors: dict[Hashable, tuple[list[Joining], list[Joining]]] = {}
+        self._held: dict[tuple[int, int], tuple[Array, bool]] = {}
+        self._given: dict[int, Array] = {}
 
     def slot_of(self, t: float) -> int:
         """The slot in which a range at `t` (s) lies."""
@@ -163,10 +168,16 @@ class Tracking:
 
     def _tie(self, user: int, a: Tracked, b: Tracked) -> None:
         """SLAM's step between two slots, and what the device may change in between."""
-        step = self._step(user, a, b)
-        self.follower.put(("step", user, b.slot), step_factor(user, a.slot, b.slot, step, self.parameters), a.slot)
-        walk = calibration_walk_factor(user, a.slot, b.slot, step.duration, self.parameters)
-        self.follower.put(("walk", user, b.slot), walk, a.slot)
+        self._steps[user, b.slot] = a.slot, self._step(user, a, b)
+        for kind in ("step", "walk"):
+            self.follower.put((kind, user, b.slot), self._tying(kind, user, b.slot), a.slot)
+
+    def _tying(self, kind: str, user: int, slot: int) -> gtsam.NonlinearFactor:
+        """The factor between a slot of a user and the one before."""
+        before, step = self._steps[user, slot]
+        if kind == "step":
+            return step_factor(user, before, slot, step, self.parameters)
+        return calibration_walk_factor(user, before, slot, step.duration, self.parameters)
 
     def _step(self, user: int, a: Tracked, b: Tracked) -> SlamStep:
         slam, stream = self.parameters.slam, self.streams[user]
@@ -190,7 +201,8 @@ class Tracking:
     def add(self, ranges: NewRanges) -> None:
         """Ranges between members, as they came."""
         if self._waiting is not None:
-            ranges = NewRanges(*(np.concatenate(both) for both in zip(self._waiting, ranges, strict=True)))
+            columns: Any = zip(self._waiting, ranges, strict=True)
+            ranges = NewRanges(*(np.concatenate(both) for both in columns))
         self._waiting = ranges if len(ranges.t) else None
 
     def advance(self, now: float, doubted: Container[int], settle: bool = False) -> None:
@@ -266,7 +278,7 @@ class Tracking:
         )
         self.ranges.add(known_rows, *((o[there], a[there], v[there]) for o, a, v in ends))
         added = self.ranges.rows[-len(known_rows) :]
-        self._untaken.append(np.column_stack([added[:, [T, I, J, SIGMA]], self.residuals(added)]))
+        self._untaken.append(np.column_stack([added[:, [T, USER_I, USER_J, SIGMA]], self.residuals(added)]))
         return sorted(set(slot[there].tolist()))
 
     def _weight_of(self, i: int, j: int) -> float:
@@ -310,8 +322,14 @@ class Tracking:
             if name in self.follower:
                 self.follower.drop(name)
             return
-        users, block = self.ranges.block(which)
-        self.follower.put(name, SlotRangeFactor(slot, users, block, self._loss, np.zeros(len(block.pairs))), slot)
+        rows = self.ranges.rows[which]
+        self._given[slot] = rows[:, [NLOS_ODDS, WEIGHT]]
+        self.follower.put(name, self._ranging(slot, rows), slot)
+
+    def _ranging(self, slot: int, rows: Array) -> SlotRangeFactor:
+        """The factor of ranges (n, columns) of a slot."""
+        users, block = block_of(rows)
+        return SlotRangeFactor(slot, users, block, self._loss, np.zeros(len(block.pairs)))
 
     def take_innovations(self, spread: Mapping[int, float]) -> Innovations:
         """The residuals of ranges before they were used, since the last call.
@@ -332,7 +350,7 @@ class Tracking:
         if not len(rows):
             return out
         inlier = self.inlier_probability(rows)
-        i, j = rows[:, I].astype(int), rows[:, J].astype(int)
+        i, j = rows[:, USER_I].astype(int), rows[:, USER_J].astype(int)
         count, off = (
             np.bincount(i, weights, len(out)) + np.bincount(j, weights, len(out))
             for weights in (np.ones(len(rows)), (inlier < 0.5).astype(float))
@@ -402,10 +420,10 @@ class Tracking:
             return
         first = -1 if all_slots else int(rows[:, SLOT].max()) - _JUDGED + 1
         which = np.flatnonzero(rows[:, SLOT] >= first)
-        which = which[np.lexsort([rows[which, T], rows[which, J], rows[which, I]])]
+        which = which[np.lexsort([rows[which, T], rows[which, USER_J], rows[which, USER_I]])]
         part = rows[which]
         whitened = self.residuals(part) / part[:, SIGMA]
-        change = np.flatnonzero(np.diff(part[:, I]) + len(self.users) * np.diff(part[:, J]) != 0.0) + 1
+        change = np.flatnonzero(np.diff(part[:, USER_I]) + len(self.users) * np.diff(part[:, USER_J]) != 0.0) + 1
         bounds = np.concatenate([[0], change, [len(part)]]).astype(np.int32)
         columns = (np.ascontiguousarray(part[:, c]) for c in (T, SIGMA, ODDS))
         t, sigma, prior = columns
@@ -430,7 +448,7 @@ class Tracking:
         _, weight, _ = mixture_terms(whitened, part[:, SIGMA].copy(), odds, self._loss)
         none = np.zeros((len(part), 3))
         nominal = np.sqrt(np.maximum(part[:, SIGMA] ** 2 - self.parameters.ranges.multipath_sigma**2, 1e-12))
-        i, j = part[:, I].astype(np.int32), part[:, J].astype(np.int32)
+        i, j = part[:, USER_I].astype(np.int32), part[:, USER_J].astype(np.int32)
         t = part[:, T].copy()
         measurements = RangeMeasurements(
             i, j, t, none, none, part[:, DISTANCE].copy(), nominal, part[:, ODDS].copy(), np.zeros(len(part), np.int32)
@@ -457,25 +475,34 @@ class Tracking:
         first = {u: min(slot for slot, users in self.follower.slots.items() if u in users) for u in self.members}
         known = [self._joining(u, first[u]) for u in self.members if u not in new]
         joining = [self._joining(u, first[u]) for u in new]
-        _, shared = calibration_sigmas(self.parameters)
         name = ("prior", *sorted(new), *first.values())
-        self.follower.put(name, joining_prior(joining, known, shared), min(first.values()))
+        self._priors[name] = joining, known
+        self.follower.put(name, self._prior_of(name), min(first.values()))
         for user in new:
-            held = user == reference
-            self._hold(user, first[user], held)
+            self._hold(user, first[user], user == reference)
+
+    def _prior_of(self, name: Hashable) -> gtsam.NonlinearFactor:
+        """The factor of some who joined."""
+        _, shared = calibration_sigmas(self.parameters)
+        joining, known = self._priors[name]
+        return joining_prior(joining, known, shared)
 
     def _hold(self, user: int, slot: int, exactly: bool) -> None:
         """A prior on the place at a user's first slot: exactly that of the one who begins the common frame."""
-        x, y, yaw, height = self._states[user, slot][:4].tolist()
+        self._held[user, slot] = self._states[user, slot][:4].copy(), exactly
+        for kind in ("place", "height") if exactly else ("place",):
+            self.follower.put((kind, user, slot), self._holding(kind, user, slot), slot)
+
+    def _holding(self, kind: str, user: int, slot: int) -> gtsam.NonlinearFactor:
+        """The factor that holds a user's place, or height."""
+        at, exactly = self._held[user, slot]
+        x, y, yaw, height = at.tolist()
+        if kind == "height":
+            tight = gtsam.noiseModel.Isotropic.Sigma(1, 1e-3)
+            return gtsam.PriorFactorDouble(keys.slot_height(user, slot), height, tight)
         wide = [_SOMEWHERE, _SOMEWHERE, self.parameters.priors.yaw_sigma]
         noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-3, 1e-3, 1e-3] if exactly else wide))
-        pose = gtsam.PriorFactorPose2(keys.slot_pose(user, slot), gtsam.Pose2(x, y, yaw), noise)
-        self.follower.put(("place", user, slot), pose, slot)
-        if exactly:
-            tight = gtsam.noiseModel.Isotropic.Sigma(1, 1e-3)
-            self.follower.put(
-                ("height", user, slot), gtsam.PriorFactorDouble(keys.slot_height(user, slot), height, tight), slot
-            )
+        return gtsam.PriorFactorPose2(keys.slot_pose(user, slot), gtsam.Pose2(x, y, yaw), noise)
 
     def _joining(self, user: int, slot: int) -> Joining:
         own, _ = calibration_sigmas(self.parameters)
@@ -486,7 +513,8 @@ class Tracking:
     def _insert_all(self, user: int, found: JoiningUser) -> None:
         """The slots of a user who joins, from its first in the window on."""
         before: Tracked | None = None
-        for slot, stamp, place, state in zip(found.slots, found.stamps.tolist(), found.places, found.states, strict=True):
+        columns = (found.slots, found.stamps.tolist(), found.places, found.states)
+        for slot, stamp, place, state in zip(*columns, strict=True):
             self._insert(user, slot, stamp, place, state)
             if before is not None:
                 self._tie(user, before, self.members[user])
@@ -495,7 +523,7 @@ class Tracking:
     def leave(self, user: int) -> None:
         """Follow a user no more: what its ranges told is forgotten, as far back as the window goes."""
         rows = self.ranges.rows
-        touched = (rows[:, I] == user) | (rows[:, J] == user)
+        touched = (rows[:, USER_I] == user) | (rows[:, USER_J] == user)
         slots = np.unique(rows[touched, SLOT]).astype(int).tolist()
         self.ranges.keep(~touched)
         for slot in slots:
@@ -504,6 +532,7 @@ class Tracking:
         self.follower.drop_user(user)
         self._stamps = {key: value for key, value in self._stamps.items() if key[0] != user}
         self._states = {key: value for key, value in self._states.items() if key[0] != user}
+        self._forget_made()
 
     def forget(self, before: int) -> None:
         """Slots before `before` are marginalised out."""
@@ -511,6 +540,48 @@ class Tracking:
         self.ranges.keep(self.ranges.rows[:, SLOT] >= before)
         self._stamps = {key: value for key, value in self._stamps.items() if key[1] >= before}
         self._states = {key: value for key, value in self._states.items() if key[1] >= before}
+        self._forget_made()
+
+    def _forget_made(self) -> None:
+        """What factors were made of that are no more."""
+        there = self.follower
+        self._steps = {key: value for key, value in self._steps.items() if ("step", *key) in there}
+        self._priors = {name: value for name, value in self._priors.items() if name in there}
+        self._held = {key: value for key, value in self._held.items() if ("place", *key) in there}
+        self._given = {slot: value for slot, value in self._given.items() if ("ranges", slot) in there}
+
+    # To and from plain values
+
+    def state(self) -> dict[str, Any]:
+        """All of it but for users and streams, as `restore` takes it."""
+        known = {name: getattr(self, name) for name in _KEPT}
+        return known | {"ranges": self.ranges.rows.copy(), "follower": self.follower.to_state()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """What `state` told of. KeyError, ValueError or RuntimeError where it does not fit together."""
+        for name in _KEPT:
+            setattr(self, name, state[name])
+        self.ranges = SlotRanges()
+        self.ranges.restore(state["ranges"])
+        names = [name for name, _ in state["follower"].names if name not in state["follower"].linear]
+        self.follower = Follower.from_state(state["follower"], {name: self._made(name) for name in names})
+
+    def _made(self, name: Any) -> gtsam.NonlinearFactor:
+        """The factor of a name, made again."""
+        kind = name[0]
+        if kind == "ranges":
+            rows = self.ranges.rows[self.ranges.of_slot(name[1])]
+            rows[:, [NLOS_ODDS, WEIGHT]] = self._given[name[1]]
+            return self._ranging(name[1], rows)
+        if kind == "prior":
+            return self._prior_of(name)
+        return self._tying(*name) if kind in ("step", "walk") else self._holding(*name)
+
+
+_KEPT = (
+    *("assumed_clock", "noise", "members", "origin", "_waiting", "_stamps", "_states", "_weight", "_judged_at"),
+    *("_untaken", "_steps", "_priors", "_held", "_given"),
+)
 
 
 def _links(ranges: NewRanges) -> Indices:
