@@ -17,6 +17,7 @@ from synchronizar.estimation.incremental.slot_ranges import (
     LINK,
     NLOS_ODDS,
     ODDS,
+    SERIAL,
     SIGMA,
     SLOT,
     USER_I,
@@ -373,7 +374,7 @@ class Tracking:
     def costs_of(self, user: int, serial: Indices, residuals: Array) -> tuple[Array, Array]:
         """Costs of a user's ranges that are among `serial` (n,): as it is followed, and at `residuals` (n,) m."""
         rows = self.ranges.rows
-        rows = rows[(rows[:, I] == user) | (rows[:, J] == user)]
+        rows = rows[(rows[:, USER_I] == user) | (rows[:, USER_J] == user)]
         _, here, there = np.intersect1d(rows[:, SERIAL].astype(int), serial, return_indices=True)
         rows = rows[here]
         sigma, odds = rows[:, SIGMA].copy(), rows[:, ODDS].copy()
