@@ -20,7 +20,9 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
+from synchronizar.estimation.hypotheses import GaussianComponent, Hypothesis
 from synchronizar.estimation.incremental.contradictions import Contradictions
+from synchronizar.estimation.incremental.cues import cue_of
 from synchronizar.estimation.incremental.members import Members
 from synchronizar.estimation.incremental.range_log import RangeLog
 from synchronizar.estimation.incremental.searcher import Searcher
@@ -31,11 +33,13 @@ from synchronizar.estimation.incremental.tracking import JoiningUser, Tracking
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.extent import extent_points_of
 from synchronizar.preprocessing.pose_stream import PoseStream, SetAside, Tail
 from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, yaw_of_quaternions, yaw_quaternion
 
 _LONG_AGO = -1e9  # s: a track of one pose there covers no range
 _NOWHERE = Track(np.array([_LONG_AGO]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
+_RECENT_WALK = 1.0  # s: in which somebody's way shows
 _WATCHED_AT = 0.9  # of the progress: while a user is watched
 _FOLLOWED_AT = 0.25  # of the progress: who is known worse is not followed, for nothing is linear so far off
 _FIRST_SEARCH = 1.0  # s after the first range
@@ -73,6 +77,7 @@ class Engine:
         self._spread: dict[int, float] = {}
         self._events: list[str] = []
         self._judged = -1
+        self._cued = -1
         self._checked = -np.inf
 
     def close(self) -> None:
@@ -134,6 +139,10 @@ class Engine:
             self._begin_search()
             self._take_found()
         self._judge_members()
+        slot = self.tracking.slot_of(self.now) if np.isfinite(self.tracking.origin) else self._cued
+        if slot != self._cued:
+            self._cued = slot
+            self._tell_cues()
         events, self._events = self._events, []
         return events
 
@@ -577,6 +586,39 @@ class Engine:
                 standing.state, standing.reason = state, reason
                 self._tell(user)
             standing.reason = reason
+
+    def _tell_cues(self) -> None:
+        """Once a slot: which way those should walk whose places are not known well enough."""
+        rows = self.log.rows
+        i, j = self.log.users(rows[rows[:, 0] > self.now - self.parameters.incremental.recent])
+        for user, standing in enumerate(self.standings):
+            before, standing.cue = standing.cue, None
+            stream, placed = self.streams[user], standing.placed
+            if stream is None or placed is None or self.state(user) is not State.UNOBSERVABLE or user == self.gauge:
+                continue
+            partners = np.unique(np.concatenate([j[i == user], i[j == user]])).tolist()
+            places = [(self.users[u].name, at) for u in partners if (at := self._now(u)) is not None]
+            recent = stream.tail(stream.newest - _RECENT_WALK)
+            if not len(recent.t) or not places:
+                continue
+            here, began = self._at(placed, recent.position[-1]), self._at(placed, recent.position[0])
+            velocity = (here - began)[:2] / max(float(np.ptp(recent.t)), 0.1)
+            frames, covariances = np.zeros((len(self.users), 4)), np.zeros((len(self.users), 4, 4))
+            frames[user] = [*placed.state[:2], placed.state[3], placed.state[2]]
+            covariances[user] = placed.covariance[:4, :4]
+            since = stream.newest - (self.now - self._window_begin())
+            walk = np.exp(placed.state[4]) * (extent_points_of(stream.tail(since).position) - placed.place)
+            best = Hypothesis(0.0, frames, covariances, [GaussianComponent(1.0, frames, covariances)])
+            names, others = [name for name, _ in places], np.array([at for _, at in places])
+            standing.cue = cue_of(best, user, here, others, velocity, walk, names, before, self.parameters)
+
+    def _now(self, user: int) -> Array | None:
+        """(3,) m: where a user's device is now; None where that is not known."""
+        stream, placed = self.streams[user], self.standings[user].placed
+        last = None if stream is None else stream.last()
+        if placed is None:
+            return last.position[0] if last is not None and user == self.reference else None
+        return self._at(placed, placed.place if last is None else last.position[0])
 
     def _contradict(self, user: int, reason: str) -> None:
         """A user's latest ranges contradict it: it is looked for in what comes from now on."""
