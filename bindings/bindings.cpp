@@ -16,7 +16,6 @@
 #include <tuple>
 #include <utility>
 
-#include "factors/calibrated_range_block.h"
 #include "factors/height_search.h"
 #include "factors/neighbours.h"
 #include "factors/nlos_bursts.h"
@@ -187,45 +186,6 @@ NB_MODULE(_core, m) {
           },
           "nlos_odds"_a)
       .def("inlier_probability", &RangeBlock::inlier_probability, "i"_a, "j"_a, "loss"_a);
-
-  nb::class_<Calibration>(m, "Calibration")
-      .def(nb::init<double, double, double>(), "log_scale"_a = 0.0, "range_bias"_a = 0.0,
-           "clock_offset"_a = 0.0);
-
-  nb::class_<CalibratedRangeBlock>(m, "CalibratedRangeBlock")
-      .def(
-          "__init__",
-          [](CalibratedRangeBlock* self, const std::array<Points, 3>& i, const std::array<Points, 3>& j,
-             const Column& measured, const Column& sigma, const Column& nlos_odds,
-             const Column& range_weight) {
-            check_ranges(i[0], j[0], measured, sigma, nlos_odds);
-            check_range_weight(range_weight, measured.size());
-            const Antennas at_i{i[0], i[1], i[2]}, at_j{j[0], j[1], j[2]};
-            check_antennas(at_i, measured.size());
-            check_antennas(at_j, measured.size());
-            new (self) CalibratedRangeBlock(at_i, at_j, measured, sigma, nlos_odds, range_weight);
-          },
-          "i"_a, "j"_a, "measured"_a, "sigma"_a, "nlos_odds"_a, "range_weight"_a)
-      .def("__len__", &CalibratedRangeBlock::size)
-      .def("residuals", &CalibratedRangeBlock::residuals, "pose_i"_a, "calibration_i"_a, "pose_j"_a,
-           "calibration_j"_a)
-      .def(
-          "cost",
-          [](const CalibratedRangeBlock& self, const UserPose& i, const Calibration& calibration_i,
-             const UserPose& j, const Calibration& calibration_j, const LossKind& loss, double annealing) {
-            return self.cost(i, calibration_i, j, calibration_j, make_loss(loss, annealing));
-          },
-          "pose_i"_a, "calibration_i"_a, "pose_j"_a, "calibration_j"_a, "loss"_a, "annealing"_a = 1.0)
-      .def(
-          "square_root",
-          [](const CalibratedRangeBlock& self, const UserPose& i, const Calibration& calibration_i,
-             const UserPose& j, const Calibration& calibration_j, const LossKind& loss, double annealing,
-             std::optional<double> height_curvature) {
-            return self.square_root(i, calibration_i, j, calibration_j, make_loss(loss, annealing),
-                                    height_curvature);
-          },
-          "pose_i"_a, "calibration_i"_a, "pose_j"_a, "calibration_j"_a, "loss"_a, "annealing"_a = 1.0,
-          "height_curvature"_a = nb::none());
 
   nb::class_<RangeSlot>(m, "RangeSlot")
       .def(
