@@ -16,8 +16,10 @@ from synchronizar.estimation.full import register_full
 from synchronizar.estimation.rigid import register_rigid
 from synchronizar.parameters import Parameters
 from synchronizar.progress import Progress, unheard
+from synchronizar.threads import one_blas_thread
 
 
+@one_blas_thread()
 def register(
     recording: Recording,
     reference: str | None = None,
