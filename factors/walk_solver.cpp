@@ -234,7 +234,7 @@ Column WalkSolver::residuals(const WalkStates& states, const Column& assumed_clo
 
 template <int kColumns>
 void WalkSolver::add_ranges(System& system, const WalkStates& states, const WalkNoise& noise,
-                            const Loss& loss, const Column* height_curvature) const {
+                            const Loss& loss, const Column* height_curvature, Bending bending) const {
   const auto at = devices(states, noise.assumed_clock);
   const Eigen::Index n = walks_.measured.size();
   SquaresOf<kColumns> squares;
@@ -253,7 +253,7 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
             if (height_curvature != nullptr) replaced += (*height_curvature)[end];
           }
           if (height_curvature != nullptr) height_information = replaced;
-          if (height_information > 0.0) {
+          if (height_information > 0.0 || bending == Bending::kAny) {
             squares(2, 2) += height_information;
             squares(kColumns + 2, kColumns + 2) += height_information;
             squares(2, kColumns + 2) -= height_information;
@@ -452,13 +452,13 @@ double WalkSolver::cost(const WalkStates& states, const WalkNoise& noise, const 
 }
 
 WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                          const Column* height_curvature,
+                                          Bending bending, const Column* height_curvature,
                                           const Marks* without_steps_to) const {
   System out = zero();
   if (walks_.calibrated) {
-    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature);
+    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature, bending);
   } else {
-    add_ranges<4>(out, states, noise, loss, height_curvature);
+    add_ranges<4>(out, states, noise, loss, height_curvature, bending);
   }
   add_priors(out, states, noise);
   for (int n = 1; n < states.places.rows(); ++n) {
@@ -471,7 +471,7 @@ WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNo
 }
 
 WalkStates WalkSolver::gradient(const WalkStates& states, const WalkNoise& noise, const Loss& loss) const {
-  const System system = linearized(states, noise, loss, nullptr, nullptr);
+  const System system = linearized(states, noise, loss, Bending::kPositive);
   WalkStates out{WalkPlaces::Zero(states.places.rows(), 4), ThreeColumns::Zero(walks_.users, 3)};
   for (Eigen::Index n = 0; n < states.places.rows(); ++n) {
     const Where& at = keyframe_at_[static_cast<size_t>(n)];
@@ -492,11 +492,11 @@ WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const
                                 double gain) const {
   double here = cost(states, noise, loss);
   for (int n = 0; n < steps; ++n) {
-    System system = linearized(states, noise, loss, nullptr, nullptr);
-    // Where rounding makes it indefinite the step is damped.
-    for (double damping = 1e-10; !system.matrix.factorize(); damping *= 1e3) {
+    System system = linearized(states, noise, loss, Bending::kAny);
+    // Where the cost bends downwards its bending is left out; where rounding does, the step is damped.
+    for (double damping = 0.0; !system.matrix.factorize(); damping = 1e3 * std::max(damping, 1e-13)) {
       if (damping > 1.0) return states;
-      system = linearized(states, noise, loss, nullptr, nullptr);
+      system = linearized(states, noise, loss, Bending::kPositive);
       system.matrix.damp(1.0 + damping);
     }
     BorderedEnvelope::Sides step = system.gradient;
@@ -525,7 +525,7 @@ WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const
 
 Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                        const Column& height_curvature, const Numbers& keyframes) const {
-  System system = linearized(states, noise, loss, &height_curvature, nullptr);
+  System system = linearized(states, noise, loss, Bending::kPositive, &height_curvature, nullptr);
   std::vector<std::pair<Where, int>> wanted;  // and how many numbers each has
   for (const int n : keyframes) wanted.emplace_back(keyframe_at_[static_cast<size_t>(n)], 4);
   if (walks_.calibrated) {
@@ -544,7 +544,7 @@ Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise
   }
   // Where it is singular to rounding, what is not known gets a large covariance all the same.
   for (double damping = 1e-12; !system.matrix.factorize() && damping < 1.0; damping *= 1e2) {
-    system = linearized(states, noise, loss, &height_curvature, nullptr);
+    system = linearized(states, noise, loss, Bending::kPositive, &height_curvature, nullptr);
     system.matrix.damp(1.0 + damping);
   }
   system.matrix.solve(sides);
@@ -617,7 +617,7 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
 
 Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                        const Marks& counted, double weight, int rounds) const {
-  const System others = linearized(states, noise, loss, nullptr, &counted);
+  const System others = linearized(states, noise, loss, Bending::kPositive, nullptr, &counted);
   Eigen::MatrixXd factors = Eigen::MatrixXd::Ones(walks_.users, 2);
   const auto step_with = [&](int n, double place, double heading) {
     return step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(Vector3(place, 1.0, heading)));
