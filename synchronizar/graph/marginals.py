@@ -14,7 +14,7 @@ from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.optimization import reduced
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import SCALE, States
-from synchronizar.preprocessing.range_measurements import pairs
+from synchronizar.preprocessing.range_measurements import mean_by_pair, pair_bounds
 
 
 class Marginals(NamedTuple):
@@ -169,23 +169,19 @@ def _errors_in_frames(graph: PoseGraph, states: States, em_weights: EmWeights) -
 
 def _mean_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
     """(n,) 1/m^2: the mean height curvature of each pair's ranges where it is positive, 0 elsewhere."""
-    out = np.zeros_like(height_curvature)
-    for pair in pairs(graph.measurements):
-        out[pair.measurements] = max(height_curvature[pair.measurements].mean(), 0.0)
-    return out
+    bounds = pair_bounds(graph.measurements)
+    return np.repeat(np.maximum(mean_by_pair(height_curvature, bounds), 0.0), np.diff(bounds))
 
 
 def _negative_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
     """The negative height curvature of pairs as second derivatives (1/m^2) by the free users' heights."""
-    column = {u: n for n, u in enumerate(graph.free)}
-    out = np.zeros((len(column), len(column)))
-    for pair in pairs(graph.measurements):
-        row = np.zeros(len(column))
-        for user, sign in ((pair.i, 1.0), (pair.j, -1.0)):
-            if user in column:
-                row[column[user]] = sign
-        out += min(height_curvature[pair.measurements].sum(), 0.0) * np.outer(row, row)
-    return out
+    bounds, k = pair_bounds(graph.measurements), len(graph.users)
+    begin = bounds[:-1]
+    negative = np.minimum(mean_by_pair(height_curvature, bounds) * np.diff(bounds), 0.0)
+    out, i, j = np.zeros((k, k)), graph.measurements.i[begin], graph.measurements.j[begin]
+    for at, value in (((i, i), negative), ((j, j), negative), ((i, j), -negative), ((j, i), -negative)):
+        np.add.at(out, at, value)
+    return out[np.ix_(graph.free, graph.free)]
 
 
 def _last_pose_jacobians(graph: PoseGraph, states: States, user: int) -> dict[int, Array]:
