@@ -14,6 +14,7 @@
 // a border of what all groups share, which are calibrations and users with one keyframe.
 #pragma once
 
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -144,7 +145,7 @@ class WalkSolver {
   System zero() const;
   // Which height curvature of runs of ranges between two keyframes is taken: with that of either sign the
   // matrix is nearer to the cost's second derivatives, but may be indefinite.
-  enum class Bending { kPositive, kAny };
+  enum class Bending : std::uint8_t { kPositive, kAny };
 
   System linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss, Bending bending,
                     const Column* height_curvature = nullptr, const Marks* without_steps_to = nullptr) const;
