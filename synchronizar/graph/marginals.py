@@ -93,6 +93,7 @@ def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooper
     yield
     walks, calibrated = graph.walks, bool(graph.calibrations)
     k, first, last = len(walks.users), walks.first[:-1], walks.first[1:] - 1
+    wanted, at = np.unique(np.concatenate([first, last]), return_inverse=True)
     height_curvature = graph.height_curvature(states, em_weights)
     covariance = walks.solver.covariance(
         walks.places(states),
@@ -100,15 +101,18 @@ def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooper
         graph.walk_noise(states.anchor_poses, em_weights),
         graph.loss,
         _mean_curvature(graph, height_curvature),
-        np.concatenate([first, last]),
+        wanted,
     )
     size = np.sqrt(np.diag(covariance))
     size[size == 0.0] = 1.0  # of what is fixed
     eigenvalues, axes = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * axes * np.sqrt(np.maximum(eigenvalues, 0.0))
     none = np.zeros((3, root.shape[1]))
-    of_first, of_last = root[: 4 * k].reshape(k, 4, -1), root[4 * k : 8 * k].reshape(k, 4, -1).copy()
-    of_calibrations = root[8 * k :].reshape(k, 3, -1) if calibrated else np.broadcast_to(none, (k, *none.shape))
+    of_keyframes = root[: 4 * len(wanted)].reshape(len(wanted), 4, -1)
+    of_first, of_last = of_keyframes[at[:k]], of_keyframes[at[k:]]
+    of_calibrations = (
+        root[4 * len(wanted) :].reshape(k, 3, -1) if calibrated else np.broadcast_to(none, (k, *none.shape))
+    )
     # A height of SLAM's grows with scale.
     by_scale = np.exp(states.calibration[walks.users, SCALE]) * walks.slam[first, 2]
     of_scale = of_calibrations[:, SCALE]
