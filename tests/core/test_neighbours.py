@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -40,7 +42,7 @@ def test_sums_are_those_over_all_neighbours() -> None:
     link: Indices = random.integers(0, 3, 90).astype(np.int32)
     score, weight = random.normal(size=90), random.uniform(size=90)
     product = both = 0.0
-    for begin, end in zip(BOUNDS[:-1], BOUNDS[1:], strict=True):
+    for begin, end in pairwise(BOUNDS.tolist()):
         squares, weights = (score[begin:end] ** 2).sum(), (weight[begin:end] ** 2).sum()
         for which in range(3):
             rows = [n for n in range(begin, end) if link[n] == which]
@@ -61,7 +63,7 @@ def test_each_pairs_bursts_are_a_chain_of_their_own() -> None:
     columns = random.normal(0.0, 3.0, 90), random.uniform(0.05, 0.2, 90), random.uniform(0.05, 0.5, 90)
     model = NlosMixture(1.0, 0.002), Bursts(0.1, 1.0, 0.9, 0.1)
     odds, costs = burst_nlos_odds_of_pairs(BOUNDS, t, *columns, *model)
-    for n, (begin, end) in enumerate(zip(BOUNDS[:-1], BOUNDS[1:], strict=True)):
+    for n, (begin, end) in enumerate(pairwise(BOUNDS.tolist())):
         alone, cost = burst_nlos_odds(t[begin:end], *(c[begin:end] for c in columns), *model)
         np.testing.assert_array_equal(odds[begin:end], alone)
         assert costs[n] == cost
