@@ -255,6 +255,40 @@ class WalkSolver:
 def semidefinite_root(normal: Array) -> Array:
     """Rows R with R' R = `normal`, as many as its rank; `normal` is positive semidefinite but for rounding."""
 
+class Adjustment:
+    """Rigid walks of k users moved until n ranges between them fit (factors/adjustment.h)."""
+
+    def __init__(
+        self,
+        user_i: Indices,
+        user_j: Indices,
+        p_i: Array,
+        p_j: Array,
+        measured: Array,
+        centre: Array,
+        sigma: float,
+        soft: float,
+    ) -> None:
+        """Antennas (n, 3) m in the common frame, distances (n,) m; users turn about `centre` (k, 3) m.
+
+        `sigma` (m) of a range, and `soft` (m), from which on residuals count less.
+        """
+
+    def residuals(self, at: Array) -> Array:
+        """(n,) m, measured minus predicted, at corrections (k, 6): x, y, z, yaw, bias, scale."""
+
+    def adjust(
+        self,
+        at: Array,
+        free: Indices,
+        prior_mean: Array,
+        prior_weight: Array,
+        steps: int,
+        longest: float,
+        shortest: float,
+    ) -> tuple[Array, Array]:
+        """Corrections (k, 6) at the minimum near `at`, and the normal matrix (d, d) of the d variables `free`."""
+
 def neighbour_counts(bounds: Indices, t: Array, reach: float) -> Array:
     """(n,) number of ranges of the same pair within `reach` s of each, itself included.
 
