@@ -559,6 +559,10 @@ class Engine:
             return
         self._judged = slot
         self._forget()
+        members = self._members
+        if members is None:
+            return
+        gauge = self.gauge
         recent = tracking.rejected(self.now - self.parameters.incremental.recent)
         for user in list(tracking.members):
             standing = self.standings[user]
@@ -589,12 +593,28 @@ class Engine:
         """What nothing needs any more."""
         begin = self._window_begin()
         tracking = self.tracking
-        if tracking.members:
-            tracking.forget(tracking.slot_of(begin))
+        if tracking.members and (gone := tracking.forget(tracking.slot_of(begin))):
+            for user in gone:
+                self._lose(user)
+            self._members = None
+            if len(tracking.members) > 1:
+                self._members = Members(tracking, self.reference, self.shift)
+            elif tracking.members:
+                self._give_up()
         for u, stream in enumerate(self.streams):
             if stream is not None:
                 stream.forget(begin + float(tracking.assumed_clock[u]) - 2.0)
         self.log.forget(begin - 1.0)
+
+    def _lose(self, user: int) -> None:
+        """Nothing of a user has come for so long that it is followed no more."""
+        self._contradictions.forget(user)
+        standing = self.standings[user]
+        reason = f"nothing of it has come for {self.parameters.incremental.window:g} s"
+        standing.begin_again(self.now, State.DISCONNECTED, reason)
+        standing.since = None
+        if user != self.reference:
+            self._tell(user)
 
     # What is told
 
