@@ -518,7 +518,7 @@ class Tracking:
         self._forget_made()
 
     def forget(self, before: int) -> list[int]:
-        """Slots before `before` are marginalised out; users who have no later one are followed no more, and returned."""
+        """Slots before `before` are marginalised out; returns users who had no later one: they are followed no more."""
         self.follower.marginalize(before)
         self.ranges.keep(self.ranges.rows[:, SLOT] >= before)
         self._stamps = {key: value for key, value in self._stamps.items() if key[1] >= before}
