@@ -35,6 +35,7 @@ from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.extent import extent_points_of
 from synchronizar.preprocessing.pose_stream import PoseStream, SetAside, Tail
+from synchronizar.preprocessing.stamp_guard import StampGuard
 from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, yaw_of_quaternions, yaw_quaternion
 
 _LONG_AGO = -1e9  # s: a track of one pose there covers no range
@@ -44,6 +45,10 @@ _WATCHED_AT = 0.9  # of the progress: while a user is watched
 _FOLLOWED_AT = 0.25  # of the progress: who is known worse is not followed, for nothing is linear so far off
 _FIRST_SEARCH = 1.0  # s after the first range
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
+
+
+_Range = tuple[int, int, int, float, Mapping[str, float]]
+"""Its running index, both users, m, further columns."""
 
 
 class Engine:
@@ -69,7 +74,9 @@ class Engine:
         self._candidates: tuple[Candidate, ...] = ()
         self._found: Found | None = None
         self._range_weight: float | None = None
-        self._followed_until = 0
+        self._clock: StampGuard[None] = StampGuard(self.parameters)
+        self._guard: StampGuard[_Range] = StampGuard(self.parameters)
+        self._told = 0  # ranges
         self._searcher = Searcher(workers)
         self._contradictions = Contradictions(self.parameters)
         self._members: Members | None = None
@@ -93,10 +100,24 @@ class Engine:
             stream.add(t, position, quat_xyzw)
 
     def add_range(self, t: float, a: int, b: int, distance: float, **optional: float) -> None:
-        """A distance (m) by the ranges' clock (s); `optional` are further columns of `Ranges`."""
+        """A distance (m) by the ranges' clock (s); `optional` are further columns of `Ranges`.
+
+        One that is stamped far away from the others waits until the next ones say whether time is there.
+        """
+        admitted = self._guard.admit(t, (self._told, a, b, distance, optional))
+        self._told += 1
+        if admitted.anew:  # the few that came before were stamped astray
+            self.log.restore(self.log.rows[:0], 0)
+            self.tracking.origin = np.nan
+            for standing in self.standings:
+                standing.since = None
+        for stamp, measured in admitted.items:
+            self._add_range(stamp, *measured)
+
+    def _add_range(self, t: float, serial: int, a: int, b: int, distance: float, optional: Mapping[str, float]) -> None:
         if not np.isfinite(self.tracking.origin):
             self.tracking.origin = float(np.floor(t))
-        if self.log.add(t, a, b, distance, optional):
+        if self.log.add(serial, t, a, b, distance, optional):
             for user in (a, b):
                 if self.standings[user].since is None:
                     self.standings[user].since = t
@@ -129,9 +150,11 @@ class Engine:
     def advance(self, t: float) -> list[str]:
         """It is `t` (s, range clock): follow, take in what a search found, begin the next one.
 
-        Returns what has happened, a sentence each. To be called ten times a second or more often.
+        Returns what has happened, a sentence each. To be called ten times a second or more often. A time far away from
+        the ones before counts when the next ones are there too.
         """
-        self.now = max(self.now, t)
+        admitted = self._clock.admit(t, None)
+        self.now = max([-np.inf if admitted.anew else self.now, *(stamp for stamp, _ in admitted.items)])
         self._notice_slam()
         self._follow()
         self._take_found()
@@ -177,8 +200,7 @@ class Engine:
     # Following
 
     def _follow(self) -> None:
-        rows = self.log.since(self._followed_until)
-        self._followed_until = self.log.added
+        rows = self.log.take()
         tracking = self.tracking
         if not tracking.members:
             return
@@ -569,6 +591,10 @@ class Engine:
             return
         self._judged = slot
         self._forget()
+        members = self._members
+        if members is None:
+            return
+        gauge = self.gauge
         recent = tracking.rejected(self.now - self.parameters.incremental.recent)
         for user in list(tracking.members):
             standing = self.standings[user]
@@ -632,12 +658,28 @@ class Engine:
         """What nothing needs any more."""
         begin = self._window_begin()
         tracking = self.tracking
-        if tracking.members:
-            tracking.forget(tracking.slot_of(begin))
+        if tracking.members and (gone := tracking.forget(tracking.slot_of(begin))):
+            for user in gone:
+                self._lose(user)
+            self._members = None
+            if len(tracking.members) > 1:
+                self._members = Members(tracking, self.reference, self.shift)
+            elif tracking.members:
+                self._give_up()
         for u, stream in enumerate(self.streams):
             if stream is not None:
                 stream.forget(begin + float(tracking.assumed_clock[u]) - 2.0)
         self.log.forget(begin - 1.0)
+
+    def _lose(self, user: int) -> None:
+        """Nothing of a user has come for so long that it is followed no more."""
+        self._contradictions.forget(user)
+        standing = self.standings[user]
+        reason = f"nothing of it has come for {self.parameters.incremental.window:g} s"
+        standing.begin_again(self.now, State.DISCONNECTED, reason)
+        standing.since = None
+        if user != self.reference:
+            self._tell(user)
 
     # What is told
 
@@ -724,7 +766,8 @@ class Engine:
         """All that it knows, as `restore` takes it; a search that is going on is not waited for."""
         return {name: getattr(self, name) for name in _KEPT} | {
             "streams": [None if stream is None else stream.state() for stream in self.streams],
-            "ranges": (self.log.rows.copy(), self.log.added),
+            "ranges": (self.log.rows.copy(), self.log.taken),
+            "guards": [(guard.last, guard.count, list(guard.held)) for guard in (self._clock, self._guard)],
             "innovations": self._contradictions.recent,
             "tracking": self.tracking.state(),
         }
@@ -736,6 +779,8 @@ class Engine:
         for u, of_user in enumerate(state["streams"]):
             self.streams[u] = None if of_user is None else PoseStream.from_state(self.parameters, of_user)
         self.log.restore(*state["ranges"])
+        self._clock.last, self._clock.count, self._clock.held = state["guards"][0]
+        self._guard.last, self._guard.count, self._guard.held = state["guards"][1]
         self._contradictions.restore(state["innovations"])
         self.tracking.restore(state["tracking"])
         if self.tracking.members:
@@ -744,7 +789,7 @@ class Engine:
 
 _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found", "_range_weight"),
-    *("_followed_until", "_extents", "_spread", "_events", "_judged", "_checked"),
+    *("_told", "_extents", "_spread", "_events", "_judged", "_checked"),
 )
 
 

@@ -20,20 +20,17 @@ _FIRST_ROWS = 256
 
 
 class RangeLog:
-    """A table of ranges in the order in which they came."""
+    """A table of ranges in the order in which they were added."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
         self._table = np.empty((_FIRST_ROWS, len(COLUMNS)))
         self._count = 0
-        self.added = 0
-        """How many ranges were ever added, usable or not."""
+        self._taken = 0
         self._latest: set[tuple[float, ...]] = set()
 
-    def add(self, t: float, a: int, b: int, distance: float, optional: Mapping[str, float]) -> bool:
+    def add(self, serial: int, t: float, a: int, b: int, distance: float, optional: Mapping[str, float]) -> bool:
         """A range, by users' indices; whether it can be a distance, and is none that came already."""
-        serial = self.added
-        self.added += 1
         ranges = self._parameters.ranges
         if not ranges.shortest <= distance <= ranges.longest:
             return False
@@ -53,24 +50,32 @@ class RangeLog:
         """(n, columns), a view."""
         return self._table[: self._count]
 
-    def restore(self, rows: Array, added: int) -> None:
+    @property
+    def taken(self) -> int:
+        """How many of the rows `take` has given already."""
+        return self._taken
+
+    def restore(self, rows: Array, taken: int) -> None:
         """Just these rows (n, columns). ValueError where they have other columns."""
         if rows.ndim != 2 or rows.shape[1] != len(COLUMNS):
             raise ValueError(f"a table of {len(COLUMNS)} columns is needed")
         self._table = np.concatenate([rows, np.empty((_FIRST_ROWS, len(COLUMNS)))])
-        self._count, self.added = len(rows), added
+        self._count, self._taken = len(rows), taken
         self._latest = {tuple(row[:4].tolist()) for row in rows}
 
     def forget(self, before: float) -> None:
         """Ranges that are older than `before` (s)."""
-        left = self.rows[self.rows[:, _T] >= before].copy()
+        kept = self.rows[:, _T] >= before
+        left = self.rows[kept].copy()
         self._table[: len(left)] = left
-        self._count = len(left)
+        self._count, self._taken = len(left), int(kept[: self._taken].sum())
         self._latest = {tuple(row) for row in left[:, :4].tolist()}
 
-    def since(self, serial: int) -> Array:
-        """(n, columns): those added from a running index on."""
-        return self.rows[int(np.searchsorted(self.rows[:, _SERIAL], serial)) :]
+    def take(self) -> Array:
+        """(n, columns): those added since the last call."""
+        new = self.rows[self._taken :]
+        self._taken = self._count
+        return new
 
     def ranges(self, rows: Array) -> Ranges:
         """Rows (n, columns) as ranges."""

@@ -93,7 +93,7 @@ class _Known:
                 engine.state(u),
                 user.common_from_user,
                 user.covariance,
-                user.progress or 0.0,
+                1.0 if engine.state(u) is State.REGISTERED else user.progress or 0.0,
                 user.static,
                 user.cue,
             )

@@ -535,13 +535,17 @@ class Tracking:
         self._states = {key: value for key, value in self._states.items() if key[0] != user}
         self._forget_made()
 
-    def forget(self, before: int) -> None:
-        """Slots before `before` are marginalised out."""
+    def forget(self, before: int) -> list[int]:
+        """Slots before `before` are marginalised out; returns users who had no later one: they are followed no more."""
         self.follower.marginalize(before)
         self.ranges.keep(self.ranges.rows[:, SLOT] >= before)
         self._stamps = {key: value for key, value in self._stamps.items() if key[1] >= before}
         self._states = {key: value for key, value in self._states.items() if key[1] >= before}
         self._forget_made()
+        gone = [u for u, tracked in self.members.items() if tracked.slot < before]
+        for user in gone:
+            del self.members[user]
+        return gone
 
     def _forget_made(self) -> None:
         """What factors were made of that are no more."""

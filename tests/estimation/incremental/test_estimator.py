@@ -42,7 +42,7 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="module")
 def walked(recording: Recording) -> tuple[sz.Estimator, list[str]]:
-    estimator = sz.Estimator(["phone1", "phone0"], up="y")
+    estimator = sz.Estimator(["phone1", "phone0"], up="y", workers=0)
     return estimator, feed(estimator, recording, "y")
 
 

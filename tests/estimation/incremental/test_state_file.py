@@ -1,0 +1,207 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.live import feed
+
+import synchronizar as sz
+from synchronizar.data.recording import Recording
+from synchronizar.data.user import User
+from synchronizar.errors import InputError
+from synchronizar.estimation.incremental.engine import Engine
+from synchronizar.estimation.incremental.state_file import load, save
+from synchronizar.estimation.incremental.told import registration_now
+from synchronizar.parameters import Parameters
+from synchronizar.simulation.simulate import Scene, simulate
+
+SCENE = Scene(users=2, seconds=14.0, rate_hz=8.0, late_share=0.1, seed=1, antennas=1, static_radios=1)
+PARAMETERS = Parameters().changed(incremental={"window": 4.0})
+ENGINE_STATE = {"users", "reference", "parameters", "streams", "log", "tracking"}
+"""What a file holds in some other way, or the caller gives."""
+NOT_KEPT = {"_searcher", "_members", "_contradictions", "_clock", "_guard"}
+"""Made anew of what is kept, or kept by a method of theirs."""
+
+
+@cache
+def recording() -> Recording:
+    return simulate(SCENE).recording
+
+
+def walked(until: float) -> Engine:
+    engine = Engine(recording().users, 0, PARAMETERS)
+    feed(engine, recording(), end=until)
+    return engine
+
+
+def assert_the_same(one: Engine, other: Engine, within: float) -> None:
+    """All that both tell now."""
+    ours, theirs = registration_now(one), registration_now(other)
+    for name, user in ours.users.items():
+        twin = theirs.users[name]
+        plain = ("state", "reason", "cue", "static", "prior_dominated", "jumps")
+        assert [getattr(user, key) for key in plain] == [getattr(twin, key) for key in plain]
+        assert user.progress == pytest.approx(twin.progress, abs=within)
+        assert (user.common_from_user is None) == (twin.common_from_user is None)
+        if user.common_from_user is None or twin.common_from_user is None:
+            continue
+        for key in ("translation", "yaw", "scale"):
+            values = [getattr(of.common_from_user, key) for of in (user, twin)]
+            np.testing.assert_allclose(*values, rtol=0.0, atol=within)
+        np.testing.assert_allclose(user.covariance, twin.covariance, rtol=0.0, atol=within)
+        assert user.range_bias == pytest.approx(twin.range_bias, abs=within)
+        assert user.calibration_sigma == pytest.approx(twin.calibration_sigma, abs=within, nan_ok=True)
+        for key in ("clock_offset", "slam_noise"):
+            assert getattr(user, key) == pytest.approx(getattr(twin, key), abs=within)
+    for column in ("usable", "used", "weight", "residual"):
+        np.testing.assert_allclose(getattr(ours.ranges, column), getattr(theirs.ranges, column), within, within)
+    assert len(ours.alternatives) == len(theirs.alternatives)
+
+
+@pytest.mark.parametrize("cut", [0.05, 2.0, 6.33, 11.07])
+def test_who_is_saved_and_loaded_says_the_same_then_and_for_ever(cut: float, tmp_path: Path) -> None:
+    engine = walked(cut)
+    save(engine, tmp_path / "state.npz", {"up": "y"})
+    loaded, face = load(tmp_path / "state.npz", PARAMETERS, 0)
+    assert face == {"up": "y"}
+    assert loaded.users == engine.users
+    assert_the_same(loaded, engine, 1e-9)
+    told = [feed(each, recording(), cut, cut + 3.0) for each in (engine, loaded)]
+    assert told[0] == told[1]
+    assert list(loaded.tracking.members) == list(engine.tracking.members)
+    assert_the_same(loaded, engine, 1e-6)
+
+
+def test_the_walk_that_is_cut_has_followed_people_and_marginals() -> None:
+    engine = walked(11.07)
+    assert set(engine.tracking.members) == {0, 1, 2}
+    assert any(name[0] == "marginal" for name in engine.tracking.follower.names())  # type: ignore[index]
+
+
+def test_saving_changes_nothing(tmp_path: Path) -> None:
+    saved, plain = walked(6.0), walked(6.0)
+    save(saved, tmp_path / "state.npz", {})
+    assert feed(saved, recording(), 6.0, 9.0) == feed(plain, recording(), 6.0, 9.0)
+    assert_the_same(saved, plain, 0.0)
+
+
+def test_what_is_saved_twice_is_written_to_the_last_bit(tmp_path: Path) -> None:
+    files = [tmp_path / "one.npz", tmp_path / "two.npz"]
+    save(walked(8.0), files[0], {})
+    save(load(files[0], PARAMETERS, 0)[0], files[1], {})
+    with np.load(files[0]) as one, np.load(files[1]) as two:
+        assert one.files == two.files
+        for name in one.files:
+            if one[name].dtype.kind == "U":
+                assert one[name] == two[name]
+            else:
+                np.testing.assert_allclose(one[name], two[name], rtol=1e-9, atol=1e-12)
+
+
+def test_nothing_that_an_engine_knows_is_left_out() -> None:
+    engine = walked(1.0)
+    kept = set(engine.to_state())
+    assert set(vars(engine)) <= kept | ENGINE_STATE | NOT_KEPT
+
+
+def test_users_keep_their_settings(tmp_path: Path) -> None:
+    users = (User("a", antennas={"left": (0.1, 0.0, 0.2)}, up="y"), User("b", height_sigma=0.25), User("c", static=True))
+    save(Engine(users, 1), tmp_path / "state.npz", {})
+    loaded, _ = load(tmp_path / "state.npz", Parameters(), 0)
+    assert (loaded.users, loaded.reference) == (users, 1)
+
+
+def test_an_estimator_is_loaded_with_what_it_refused_and_the_axis_of_its_poses(tmp_path: Path) -> None:
+    estimator = sz.Estimator(["a", "b"], up="y", reference="b", workers=0)
+    estimator.add_range(0.0, "a", "b", None)
+    estimator.advance(0.0)
+    estimator.add_range(0.0, "a", "b", None)
+    estimator.save(tmp_path / "state.npz")
+    loaded = sz.Estimator.load(tmp_path / "state.npz", workers=0)
+    assert loaded.reference == "b"
+    assert loaded.refused == estimator.refused
+    assert loaded.advance(0.1) == ["a and b: a range that is no number: refused, 1 time"]
+    loaded.add_user("c")
+    assert [user.up for user in loaded.users] == ["y", "y", "y"]
+
+
+# What cannot be read or written
+
+
+@pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04 cut off"])
+def test_a_file_that_is_no_saved_state_is_told(content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "state.npz"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"state\.npz: is no saved state"):
+        load(file, Parameters(), 0)
+
+
+def test_a_damaged_file_is_told_wherever_the_damage_is(tmp_path: Path) -> None:
+    file = tmp_path / "state.npz"
+    save(walked(5.0), file, {})
+    whole, random = file.read_bytes(), np.random.default_rng(0)
+    for at in random.integers(0, len(whole), 30).tolist():
+        file.write_bytes(whole[:at])
+        with pytest.raises(InputError, match="no saved state"):
+            load(file, Parameters(), 0)
+        turned = bytearray(whole)
+        turned[at] ^= 0xFF
+        file.write_bytes(bytes(turned))
+        try:
+            load(file, PARAMETERS, 0)  # a byte between the members of the archive is nobody's
+        except InputError as error:
+            assert len(str(error).splitlines()) == 1
+
+
+def test_an_archive_that_does_not_fit_together_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "state.npz"
+    save(walked(5.0), file, {})
+    with np.load(file) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    for name in list(arrays):
+        np.savez(file, **{key: array for key, array in arrays.items() if key != name})  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"no saved state|damaged"):
+            load(file, PARAMETERS, 0)
+    for header in ("{}", "[]", "1", '{"format": 4}', '{"format": 4, "known": ["record", "Popen", {}]}', "{"):
+        np.savez(file, **(arrays | {"header": np.array(header)}))  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"no saved state|damaged"):
+            load(file, PARAMETERS, 0)
+
+
+def test_a_file_of_another_format_is_told_by_its_number(tmp_path: Path) -> None:
+    np.savez(tmp_path / "state.npz", header=np.array('{"format": 99}'))
+    with pytest.raises(InputError, match="format 99"):
+        load(tmp_path / "state.npz", Parameters(), 0)
+
+
+def test_no_file_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        load(tmp_path / "nothing.npz", Parameters(), 0)
+    with pytest.raises(InputError, match="No such file"):
+        save(walked(0.5), tmp_path / "no folder" / "state.npz", {})
+
+
+def test_what_cannot_be_written_leaves_the_file_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "state.npz"
+    save(walked(0.5), file, {})
+    before = file.read_bytes()
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(InputError, match="No space left"):
+        save(walked(0.5), file, {})
+    assert file.read_bytes() == before
+    assert [each.name for each in tmp_path.iterdir()] == ["state.npz"]
+
+
+def test_settings_of_the_search_may_change_between(tmp_path: Path) -> None:
+    save(walked(8.0), tmp_path / "state.npz", {})
+    loaded, _ = load(tmp_path / "state.npz", replace(PARAMETERS), 0)
+    assert loaded.parameters == PARAMETERS
