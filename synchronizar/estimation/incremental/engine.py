@@ -37,6 +37,7 @@ from synchronizar.preprocessing.extent import extent_points_of
 from synchronizar.preprocessing.pose_stream import PoseStream, SetAside, Tail
 from synchronizar.preprocessing.stamp_guard import StampGuard
 from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, yaw_of_quaternions, yaw_quaternion
+from synchronizar.threads import one_blas_thread
 
 _LONG_AGO = -1e9  # s: a track of one pose there covers no range
 _NOWHERE = Track(np.array([_LONG_AGO]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
@@ -147,6 +148,7 @@ class Engine:
 
     # Time goes on
 
+    @one_blas_thread()
     def advance(self, t: float) -> list[str]:
         """It is `t` (s, range clock): follow, take in what a search found, begin the next one.
 
