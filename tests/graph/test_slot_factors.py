@@ -199,9 +199,7 @@ def test_a_single_range_between_two_who_stand_is_what_is_computed_by_hand() -> N
     none = np.zeros((1, 3))
     one, zero = np.ones(1), np.zeros(1)
     ends = (none, none, none)
-    block = RangeSlot(
-        2, np.zeros(1, np.int32), np.ones(1, np.int32), ends, ends, 5.3 * one, 0.1 * one, zero, 0.5 * one
-    )
+    block = RangeSlot(2, np.zeros(1, np.int32), np.ones(1, np.int32), ends, ends, 5.3 * one, 0.1 * one, zero, 0.5 * one)
     values = gtsam.Values()
     for user, x, height, bias in ((0, 0.0, 1.0, 0.05), (1, 3.0, 5.0, 0.15)):
         values.insert(keys.slot_pose(user, SLOT), gtsam.Pose2(x, 0.0, 0.4))

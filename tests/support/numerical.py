@@ -17,9 +17,7 @@ def moved(values: gtsam.Values, key: int, step: Array) -> gtsam.Values:
     return values.retract(delta)
 
 
-def derivative(
-    of: Callable[[gtsam.Values], Array], values: gtsam.Values, keys: list[int], h: float = 1e-4
-) -> Array:
+def derivative(of: Callable[[gtsam.Values], Array], values: gtsam.Values, keys: list[int], h: float = 1e-4) -> Array:
     """(m, n) of a function by the tangents of some variables, by differences of fourth order."""
     columns, dims = [], values.zeroVectors()
     for key in keys:

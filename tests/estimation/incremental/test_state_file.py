@@ -108,7 +108,11 @@ def test_nothing_that_an_engine_knows_is_left_out() -> None:
 
 
 def test_users_keep_their_settings(tmp_path: Path) -> None:
-    users = (User("a", antennas={"left": (0.1, 0.0, 0.2)}, up="y"), User("b", height_sigma=0.25), User("c", static=True))
+    users = (
+        User("a", antennas={"left": (0.1, 0.0, 0.2)}, up="y"),
+        User("b", height_sigma=0.25),
+        User("c", static=True),
+    )
     save(Engine(users, 1), tmp_path / "state.npz", {})
     loaded, _ = load(tmp_path / "state.npz", Parameters(), 0)
     assert (loaded.users, loaded.reference) == (users, 1)
@@ -184,9 +188,7 @@ def test_no_file_is_told(tmp_path: Path) -> None:
         save(walked(0.5), tmp_path / "no folder" / "state.npz", {})
 
 
-def test_what_cannot_be_written_leaves_the_file_that_was_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_written_leaves_the_file_that_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "state.npz"
     save(walked(0.5), file, {})
     before = file.read_bytes()
