@@ -16,7 +16,7 @@
 #include <tuple>
 #include <utility>
 
-#include "factors/calibrated_range_block.h"
+#include "factors/adjustment.h"
 #include "factors/height_search.h"
 #include "factors/neighbours.h"
 #include "factors/nlos_bursts.h"
@@ -187,45 +187,6 @@ NB_MODULE(_core, m) {
           },
           "nlos_odds"_a)
       .def("inlier_probability", &RangeBlock::inlier_probability, "i"_a, "j"_a, "loss"_a);
-
-  nb::class_<Calibration>(m, "Calibration")
-      .def(nb::init<double, double, double>(), "log_scale"_a = 0.0, "range_bias"_a = 0.0,
-           "clock_offset"_a = 0.0);
-
-  nb::class_<CalibratedRangeBlock>(m, "CalibratedRangeBlock")
-      .def(
-          "__init__",
-          [](CalibratedRangeBlock* self, const std::array<Points, 3>& i, const std::array<Points, 3>& j,
-             const Column& measured, const Column& sigma, const Column& nlos_odds,
-             const Column& range_weight) {
-            check_ranges(i[0], j[0], measured, sigma, nlos_odds);
-            check_range_weight(range_weight, measured.size());
-            const Antennas at_i{i[0], i[1], i[2]}, at_j{j[0], j[1], j[2]};
-            check_antennas(at_i, measured.size());
-            check_antennas(at_j, measured.size());
-            new (self) CalibratedRangeBlock(at_i, at_j, measured, sigma, nlos_odds, range_weight);
-          },
-          "i"_a, "j"_a, "measured"_a, "sigma"_a, "nlos_odds"_a, "range_weight"_a)
-      .def("__len__", &CalibratedRangeBlock::size)
-      .def("residuals", &CalibratedRangeBlock::residuals, "pose_i"_a, "calibration_i"_a, "pose_j"_a,
-           "calibration_j"_a)
-      .def(
-          "cost",
-          [](const CalibratedRangeBlock& self, const UserPose& i, const Calibration& calibration_i,
-             const UserPose& j, const Calibration& calibration_j, const LossKind& loss, double annealing) {
-            return self.cost(i, calibration_i, j, calibration_j, make_loss(loss, annealing));
-          },
-          "pose_i"_a, "calibration_i"_a, "pose_j"_a, "calibration_j"_a, "loss"_a, "annealing"_a = 1.0)
-      .def(
-          "square_root",
-          [](const CalibratedRangeBlock& self, const UserPose& i, const Calibration& calibration_i,
-             const UserPose& j, const Calibration& calibration_j, const LossKind& loss, double annealing,
-             std::optional<double> height_curvature) {
-            return self.square_root(i, calibration_i, j, calibration_j, make_loss(loss, annealing),
-                                    height_curvature);
-          },
-          "pose_i"_a, "calibration_i"_a, "pose_j"_a, "calibration_j"_a, "loss"_a, "annealing"_a = 1.0,
-          "height_curvature"_a = nb::none());
 
   nb::class_<RangeSlot>(m, "RangeSlot")
       .def(
@@ -412,6 +373,42 @@ NB_MODULE(_core, m) {
           "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "weight"_a, "rounds"_a);
 
   m.def("semidefinite_root", &semidefinite_root, "normal"_a);
+
+  nb::class_<Adjustment>(m, "Adjustment")
+      .def(
+          "__init__",
+          [](Adjustment* self, const Numbers& user_i, const Numbers& user_j, const Points& p_i,
+             const Points& p_j, const Column& measured, const Points& centre, double sigma, double soft) {
+            const auto n = measured.size();
+            require(user_i.size() == n && user_j.size() == n && p_i.rows() == n && p_j.rows() == n,
+                    "all columns must have one row a range");
+            require(n == 0 || (user_i.minCoeff() >= 0 && user_j.minCoeff() >= 0 &&
+                               user_i.maxCoeff() < centre.rows() && user_j.maxCoeff() < centre.rows()),
+                    "a range names a user that is not there");
+            require(sigma > 0.0 && soft > 0.0, "sigma and soft must be positive");
+            new (self) Adjustment{user_i, user_j, p_i, p_j, measured, centre, sigma, soft};
+          },
+          "user_i"_a, "user_j"_a, "p_i"_a, "p_j"_a, "measured"_a, "centre"_a, "sigma"_a, "soft"_a)
+      .def(
+          "residuals",
+          [](const Adjustment& self, const Corrections& at) {
+            require(at.rows() == self.centre.rows(), "corrections must be (k, 6)");
+            return adjustment_residuals(self, at);
+          },
+          "at"_a)
+      .def(
+          "adjust",
+          [](const Adjustment& self, const Corrections& at, const Numbers& free, const Column& prior_mean,
+             const Column& prior_weight, int steps, double longest, double shortest) {
+            require(at.rows() == self.centre.rows(), "corrections must be (k, 6)");
+            require(prior_mean.size() == free.size() && prior_weight.size() == free.size(),
+                    "priors must be those of the free variables");
+            require(free.size() == 0 || (free.minCoeff() >= 0 && free.maxCoeff() < at.size()),
+                    "a free variable is not there");
+            const Adjusted found = adjust(self, at, free, prior_mean, prior_weight, steps, longest, shortest);
+            return std::pair(found.at, found.normal);
+          },
+          "at"_a, "free"_a, "prior_mean"_a, "prior_weight"_a, "steps"_a, "longest"_a, "shortest"_a);
 
   m.def(
       "neighbour_counts",

@@ -30,8 +30,9 @@ NeighbourSums neighbour_sums(const Numbers& bounds, const Column& t, const Numbe
     const double own = std::max(out.squares[p] / std::max(out.weights[p], 1e-9), 1e-9);
     order.resize(static_cast<size_t>(count));
     std::iota(order.begin(), order.end(), begin);
-    std::stable_sort(order.begin(), order.end(),
-                     [&](Eigen::Index a, Eigen::Index b) { return link[a] < link[b]; });
+    std::sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
+      return link[a] < link[b] || (link[a] == link[b] && a < b);
+    });
     double product = 0.0;
     for (size_t a = 0; a < order.size(); ++a) {
       for (size_t b = a + 1; b < std::min(order.size(), a + static_cast<size_t>(most)); ++b) {

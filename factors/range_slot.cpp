@@ -1,5 +1,6 @@
 #include "factors/range_slot.h"
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -27,8 +28,9 @@ Matrix mapped(const Matrix& root, const Devices& devices, Map own_to_columns) {
   const auto users = static_cast<Eigen::Index>(devices.size());
   Matrix out(root.rows(), users * kColumns + 1);
   for (Eigen::Index u = 0; u < users; ++u) {
-    out.middleCols<kColumns>(u * kColumns).noalias() =
-        root.middleCols<kOwnColumns>(u * kOwnColumns) * own_to_columns(devices[static_cast<size_t>(u)]);
+    out.middleCols<kColumns>(u * Eigen::Index{kColumns}).noalias() =
+        root.middleCols<kOwnColumns>(u * Eigen::Index{kOwnColumns}) *
+        own_to_columns(devices[static_cast<size_t>(u)]);
   }
   out.rightCols<1>() = root.rightCols<1>();
   return out;
@@ -127,32 +129,32 @@ double RangeSlot::cost(const SlotPoses& poses, const SlotCalibrations& calibrati
 
 Eigen::MatrixXd RangeSlot::normal(const Devices& devices, const Loss& loss,
                                   const std::optional<Column>& height_curvature) const {
-  const Eigen::Index residual = kOwnColumns * users();
+  const Eigen::Index own = kOwnColumns, residual = own * users();
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(residual + 1, residual + 1);
   Column height_information = Column::Zero(static_cast<Eigen::Index>(pairs().size()));
   PairSquares squares = PairSquares::Zero();
   const auto add_squares = [&](int pair) {
     const auto [i, j] = pairs()[static_cast<size_t>(pair)];
-    const Eigen::Index begin[] = {kOwnColumns * i, kOwnColumns * j};
-    for (int a = 0; a < 2; ++a) {
-      for (int b = 0; b < 2; ++b) {
-        out.block<kOwnColumns, kOwnColumns>(begin[a], begin[b]) +=
-            squares.block<kOwnColumns, kOwnColumns>(kOwnColumns * a, kOwnColumns * b);
+    const std::array<Eigen::Index, 2> begin{own * i, own * j};
+    for (size_t a = 0; a < 2; ++a) {
+      for (size_t b = 0; b < 2; ++b) {
+        out.block<kOwnColumns, kOwnColumns>(begin[a], begin[b]) += squares.block<kOwnColumns, kOwnColumns>(
+            own * static_cast<Eigen::Index>(a), own * static_cast<Eigen::Index>(b));
       }
       out.block<kOwnColumns, 1>(begin[a], residual) +=
-          squares.block<kOwnColumns, 1>(kOwnColumns * a, 2 * kOwnColumns);
+          squares.block<kOwnColumns, 1>(own * static_cast<Eigen::Index>(a), 2 * own);
     }
-    out(residual, residual) += squares(2 * kOwnColumns, 2 * kOwnColumns);
+    out(residual, residual) += squares(2 * own, 2 * own);
     squares.setZero();
   };
   std::visit(
       [&](const auto& kind) {
         for (Eigen::Index n = 0; n < size(); ++n) {
           if (n > 0 && ranges_->pair[n] != ranges_->pair[n - 1]) add_squares(ranges_->pair[n - 1]);
-          height_information[ranges_->pair[n]] +=
-              add_range<kOwnColumns>(squares, kind, loss.annealing, devices[static_cast<size_t>(ranges_->user_i[n])],
-                        devices[static_cast<size_t>(ranges_->user_j[n])], ranges_->i.at(n), ranges_->j.at(n),
-                        ranges_->measured[n], traits(n), range_weight_[n]);
+          height_information[ranges_->pair[n]] += add_range<kOwnColumns>(
+              squares, kind, loss.annealing, devices[static_cast<size_t>(ranges_->user_i[n])],
+              devices[static_cast<size_t>(ranges_->user_j[n])], ranges_->i.at(n), ranges_->j.at(n),
+              ranges_->measured[n], traits(n), range_weight_[n]);
         }
         if (size() > 0) add_squares(ranges_->pair[size() - 1]);
       },
@@ -163,7 +165,7 @@ Eigen::MatrixXd RangeSlot::normal(const Devices& devices, const Loss& loss,
     const double information = height_information[static_cast<Eigen::Index>(p)];
     if (information <= 0.0) continue;
     const auto [i, j] = pairs()[p];
-    const Eigen::Index z_i = kOwnColumns * i + 2, z_j = kOwnColumns * j + 2;
+    const Eigen::Index z_i = own * i + 2, z_j = own * j + 2;
     out(z_i, z_i) += information;
     out(z_j, z_j) += information;
     out(z_i, z_j) -= information;

@@ -16,9 +16,17 @@
 #include <optional>
 #include <vector>
 
-#include "factors/calibrated_range_block.h"
+#include "factors/calibrated_range.h"
+#include "factors/range_block.h"
 
 namespace synchronizar {
+
+// The antennas of one end: N rows each.
+struct Antennas {
+  Points offset, lever, velocity;
+
+  Antenna at(Eigen::Index n) const { return {offset.row(n), lever.row(n), velocity.row(n)}; }
+};
 
 using Numbers = Eigen::Matrix<int, Eigen::Dynamic, 1>;
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -104,7 +112,8 @@ double add_range(SquaresOf<kColumns>& squares, const Kind& kind, double annealin
 class RangeSlot {
  public:
   // N ranges between k users, numbered from 0: of each range both users and both antennas, measured distance
-  // (m), sigma (m, > 0), NLOS odds (>= 0) and range weight (> 0) as in CalibratedRangeBlock. The caller has
+  // (m), sigma (m, > 0), NLOS odds (>= 0), and range weight (> 0): the composite-likelihood weight, the
+  // number of independent ranges that each one counts as, by which its loss is multiplied. The caller has
   // checked the shapes.
   RangeSlot(int users, Numbers user_i, Numbers user_j, Antennas i, Antennas j, Column measured, Column sigma,
             Column nlos_odds, Column range_weight);
@@ -124,9 +133,11 @@ class RangeSlot {
   // Negative log likelihood: the sum of the losses times the range weights.
   double cost(const SlotPoses& poses, const SlotCalibrations& calibrations, const Loss& loss) const;
 
-  // The quadratic model of the cost as in CalibratedRangeBlock, as the sum of all rows' squares [A b]' [A b]:
+  // A quadratic model of the cost as in RangeBlock, as the sum of all rows' squares [A b]' [A b]:
   // seven own columns a user and a residual. Height curvature is that of the places' heights, clipped at 0
-  // pair by pair, or replaced by `height_curvature` (1/m^2), one number a pair.
+  // pair by pair, which is safe for optimisation steps. For covariances it is not: clipped noise of many
+  // slots adds up to information that ranges do not have. There the slot's share of each pair's total,
+  // `height_curvature` (1/m^2, one number a pair), replaces its own.
   Eigen::MatrixXd normal(const std::vector<DeviceAtKeyframe>& devices, const Loss& loss,
                          const std::optional<Column>& height_curvature = std::nullopt) const;
 

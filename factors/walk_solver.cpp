@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 
@@ -24,7 +25,7 @@ BorderedEnvelope::BorderedEnvelope(std::vector<int> sizes, std::vector<int> firs
     : sizes_(std::move(sizes)), first_(std::move(first)) {
   for (int a = 0; a < groups(); ++a) {
     begin_.push_back(blocks_.size());
-    for (int b = from(a); b <= a; ++b) blocks_.push_back(Eigen::MatrixXd::Zero(size(a), size(b)));
+    for (int b = from(a); b <= a; ++b) blocks_.emplace_back(Eigen::MatrixXd::Zero(size(a), size(b)));
   }
 }
 
@@ -113,7 +114,8 @@ WalkSolver::WalkSolver(Walks walks) : walks_(std::move(walks)) {
     }
   }
   // Groups by time: a new one where a user would be in one twice.
-  std::stable_sort(moving.begin(), moving.end(), [&](int a, int b) { return walks_.t[a] < walks_.t[b]; });
+  std::sort(moving.begin(), moving.end(),
+            [&](int a, int b) { return walks_.t[a] < walks_.t[b] || (walks_.t[a] == walks_.t[b] && a < b); });
   std::vector<int> last_group(static_cast<size_t>(walks_.users), -1);
   for (const int n : moving) {
     int& last = last_group[static_cast<size_t>(user_[n])];
@@ -170,7 +172,7 @@ void WalkSolver::System::add_gradient(const Where& at, const Block& values) {
 
 WalkSolver::System WalkSolver::zero() const {
   System out{BorderedEnvelope(sizes_, connected_from_), {}};
-  for (const int size : sizes_) out.gradient.push_back(Eigen::MatrixXd::Zero(size, 1));
+  for (const int size : sizes_) out.gradient.emplace_back(Eigen::MatrixXd::Zero(size, 1));
   return out;
 }
 
@@ -234,7 +236,7 @@ Column WalkSolver::residuals(const WalkStates& states, const Column& assumed_clo
 
 template <int kColumns>
 void WalkSolver::add_ranges(System& system, const WalkStates& states, const WalkNoise& noise,
-                            const Loss& loss, const Column* height_curvature) const {
+                            const Loss& loss, const Column* height_curvature, Bending bending) const {
   const auto at = devices(states, noise.assumed_clock);
   const Eigen::Index n = walks_.measured.size();
   SquaresOf<kColumns> squares;
@@ -253,15 +255,15 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
             if (height_curvature != nullptr) replaced += (*height_curvature)[end];
           }
           if (height_curvature != nullptr) height_information = replaced;
-          if (height_information > 0.0) {
+          if (height_information > 0.0 || bending == Bending::kAny) {
             squares(2, 2) += height_information;
             squares(kColumns + 2, kColumns + 2) += height_information;
             squares(2, kColumns + 2) -= height_information;
             squares(kColumns + 2, 2) -= height_information;
           }
-          const std::pair<const Where&, int> places[] = {
-              {keyframe_at_[static_cast<size_t>(key_i)], 0},
-              {keyframe_at_[static_cast<size_t>(key_j)], kColumns}};
+          using Columns = std::array<std::pair<Where, int>, 2>;
+          const Columns places{{{keyframe_at_[static_cast<size_t>(key_i)], 0},
+                                {keyframe_at_[static_cast<size_t>(key_j)], kColumns}}};
           if constexpr (kColumns == kOwnColumns) {
             // A keyframe that is fixed moves in height by its device's scale.
             for (const auto& [first, key] : {std::pair(0, key_i), std::pair(kColumns, key_j)}) {
@@ -270,9 +272,8 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
               squares.col(first + 4) += by_scale * squares.col(first + 2);
               squares.row(first + 4) += by_scale * squares.row(first + 2);
             }
-            const std::pair<const Where&, int> of_devices[] = {
-                {device_at_[static_cast<size_t>(user_[key_i])], 4},
-                {device_at_[static_cast<size_t>(user_[key_j])], kColumns + 4}};
+            const Columns of_devices{{{device_at_[static_cast<size_t>(user_[key_i])], 4},
+                                      {device_at_[static_cast<size_t>(user_[key_j])], kColumns + 4}}};
             for (const auto& [a, row] : of_devices) {
               system.add(a, a, squares.template block<3, 3>(row, row));
               system.add_gradient(a, squares.template block<3, 1>(row, 2 * kColumns));
@@ -452,13 +453,13 @@ double WalkSolver::cost(const WalkStates& states, const WalkNoise& noise, const 
 }
 
 WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                          const Column* height_curvature,
+                                          Bending bending, const Column* height_curvature,
                                           const Marks* without_steps_to) const {
   System out = zero();
   if (walks_.calibrated) {
-    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature);
+    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature, bending);
   } else {
-    add_ranges<4>(out, states, noise, loss, height_curvature);
+    add_ranges<4>(out, states, noise, loss, height_curvature, bending);
   }
   add_priors(out, states, noise);
   for (int n = 1; n < states.places.rows(); ++n) {
@@ -471,7 +472,7 @@ WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNo
 }
 
 WalkStates WalkSolver::gradient(const WalkStates& states, const WalkNoise& noise, const Loss& loss) const {
-  const System system = linearized(states, noise, loss, nullptr, nullptr);
+  const System system = linearized(states, noise, loss, Bending::kPositive);
   WalkStates out{WalkPlaces::Zero(states.places.rows(), 4), ThreeColumns::Zero(walks_.users, 3)};
   for (Eigen::Index n = 0; n < states.places.rows(); ++n) {
     const Where& at = keyframe_at_[static_cast<size_t>(n)];
@@ -492,12 +493,14 @@ WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const
                                 double gain) const {
   double here = cost(states, noise, loss);
   for (int n = 0; n < steps; ++n) {
-    System system = linearized(states, noise, loss, nullptr, nullptr);
-    // Where rounding makes it indefinite the step is damped.
-    for (double damping = 1e-10; !system.matrix.factorize(); damping *= 1e3) {
+    System system = linearized(states, noise, loss, Bending::kAny);
+    // Where the cost bends downwards its bending is left out; where rounding does, the step is damped.
+    double damping = 0.0;
+    while (!system.matrix.factorize()) {
       if (damping > 1.0) return states;
-      system = linearized(states, noise, loss, nullptr, nullptr);
+      system = linearized(states, noise, loss, Bending::kPositive);
       system.matrix.damp(1.0 + damping);
+      damping = 1e3 * std::max(damping, 1e-13);
     }
     BorderedEnvelope::Sides step = system.gradient;
     system.matrix.solve(step);
@@ -525,7 +528,7 @@ WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const
 
 Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                        const Column& height_curvature, const Numbers& keyframes) const {
-  System system = linearized(states, noise, loss, &height_curvature, nullptr);
+  System system = linearized(states, noise, loss, Bending::kPositive, &height_curvature, nullptr);
   std::vector<std::pair<Where, int>> wanted;  // and how many numbers each has
   for (const int n : keyframes) wanted.emplace_back(keyframe_at_[static_cast<size_t>(n)], 4);
   if (walks_.calibrated) {
@@ -534,7 +537,7 @@ Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise
   int count = 0;
   for (const auto& [_, size] : wanted) count += size;
   BorderedEnvelope::Sides sides;
-  for (const int size : sizes_) sides.push_back(Eigen::MatrixXd::Zero(size, count));
+  for (const int size : sizes_) sides.emplace_back(Eigen::MatrixXd::Zero(size, count));
   int column = 0;
   for (const auto& [at, size] : wanted) {
     if (at.group >= 0) {
@@ -543,9 +546,11 @@ Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise
     column += size;
   }
   // Where it is singular to rounding, what is not known gets a large covariance all the same.
-  for (double damping = 1e-12; !system.matrix.factorize() && damping < 1.0; damping *= 1e2) {
-    system = linearized(states, noise, loss, &height_curvature, nullptr);
+  double damping = 1e-12;
+  while (!system.matrix.factorize() && damping < 1.0) {
+    system = linearized(states, noise, loss, Bending::kPositive, &height_curvature);
     system.matrix.damp(1.0 + damping);
+    damping *= 1e2;
   }
   system.matrix.solve(sides);
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(count, count);
@@ -617,7 +622,7 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
 
 Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                        const Marks& counted, double weight, int rounds) const {
-  const System others = linearized(states, noise, loss, nullptr, &counted);
+  const System others = linearized(states, noise, loss, Bending::kPositive, nullptr, &counted);
   Eigen::MatrixXd factors = Eigen::MatrixXd::Ones(walks_.users, 2);
   const auto step_with = [&](int n, double place, double heading) {
     return step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(Vector3(place, 1.0, heading)));
@@ -638,17 +643,17 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
       // Residuals in the plane and in heading, at the most likely states, and their variances.
       Eigen::Matrix<double, 4, 9> rows;
       rows << step.by_here, step.by_there, step.by_scale;
-      const Where* at[] = {&keyframe_at_[static_cast<size_t>(step.here)],
-                           &keyframe_at_[static_cast<size_t>(step.there)],
-                           &device_at_[static_cast<size_t>(user_[n])]};
-      const int sizes[] = {4, 4, 1}, begins[] = {0, 4, 8};
+      const std::array<const Where*, 3> at{&keyframe_at_[static_cast<size_t>(step.here)],
+                                           &keyframe_at_[static_cast<size_t>(step.there)],
+                                           &device_at_[static_cast<size_t>(user_[n])]};
+      constexpr std::array<int, 3> sizes{4, 4, 1}, begins{0, 4, 8};
       Eigen::Matrix<double, 9, 9> around = Eigen::Matrix<double, 9, 9>::Zero();
       Eigen::Matrix<double, 9, 1> moved = Eigen::Matrix<double, 9, 1>::Zero();
-      for (int a = 0; a < 3; ++a) {
+      for (size_t a = 0; a < 3; ++a) {
         if (at[a]->group < 0) continue;
         moved.segment(begins[a], sizes[a]) =
             -system.gradient[static_cast<size_t>(at[a]->group)].col(0).segment(at[a]->offset, sizes[a]);
-        for (int b = 0; b < 3; ++b) {
+        for (size_t b = 0; b < 3; ++b) {
           if (at[b]->group < 0) continue;
           const bool below = at[a]->group >= at[b]->group;
           const Where &row = *at[below ? a : b], &column = *at[below ? b : a];

@@ -14,6 +14,7 @@
 // a border of what all groups share, which are calibrations and users with one keyframe.
 #pragma once
 
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -142,11 +143,15 @@ class WalkSolver {
   struct Step;
 
   System zero() const;
-  System linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                    const Column* height_curvature, const Marks* without_steps_to) const;
+  // Which height curvature of runs of ranges between two keyframes is taken: with that of either sign the
+  // matrix is nearer to the cost's second derivatives, but may be indefinite.
+  enum class Bending : std::uint8_t { kPositive, kAny };
+
+  System linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss, Bending bending,
+                    const Column* height_curvature = nullptr, const Marks* without_steps_to = nullptr) const;
   template <int kColumns>  // seven a user, or the places' four where calibrations are no variables
   void add_ranges(System& system, const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                  const Column* height_curvature) const;
+                  const Column* height_curvature, Bending bending) const;
   void add_priors(System& system, const WalkStates& states, const WalkNoise& noise) const;
   void add(System& system, const Step& step) const;
   Step step_to(int keyframe, const WalkStates& states, const Vector3& sigma) const;

@@ -83,53 +83,8 @@ class RangeBlock:
     def inlier_probability(self, i: UserPose, j: UserPose, loss: NlosMixture) -> Array:
         """(n,) the probability that each range is line-of-sight, given its residual."""
 
-class Calibration:
-    """Calibration of a device: log scale, radio bias (m), clock offset (s) minus the assumed one."""
-
-    def __init__(self, log_scale: float = 0.0, range_bias: float = 0.0, clock_offset: float = 0.0) -> None: ...
-
 Antennas = tuple[Array, Array, Array]
 """(n, 3) each, in the axes of a keyframe: offset from it (SLAM units), lever arm (m), velocity (m/s)."""
-
-class CalibratedRangeBlock:
-    """n ranges between the same two keyframes of two devices with calibrations (factors/calibrated_range.h)."""
-
-    def __init__(
-        self, i: Antennas, j: Antennas, measured: Array, sigma: Array, nlos_odds: Array, range_weight: Array
-    ) -> None:
-        """(n,) each: distances (m), sigmas (m), NLOS odds, and the number of independent ranges that each counts as."""
-
-    def __len__(self) -> int: ...
-    def residuals(
-        self, pose_i: UserPose, calibration_i: Calibration, pose_j: UserPose, calibration_j: Calibration
-    ) -> Array:
-        """(n,) m, predicted minus measured."""
-
-    def cost(
-        self,
-        pose_i: UserPose,
-        calibration_i: Calibration,
-        pose_j: UserPose,
-        calibration_j: Calibration,
-        loss: Loss,
-        annealing: float = 1.0,
-    ) -> float:
-        """Negative log likelihood: the sum of the losses times the range weights."""
-
-    def square_root(
-        self,
-        pose_i: UserPose,
-        calibration_i: Calibration,
-        pose_j: UserPose,
-        calibration_j: Calibration,
-        loss: Loss,
-        annealing: float = 1.0,
-        height_curvature: float | None = None,
-    ) -> Array:
-        """(10, 23) [A b]: columns of i's F (3), H, X (3), Z, log scale, bias, clock, then j's, then the residual.
-
-        `height_curvature` (1/m^2) replaces the block's own (factors/calibrated_range_block.h).
-        """
 
 class RangeSlot:
     """n ranges between k users, each of whom is at one keyframe (factors/range_slot.h)."""
@@ -146,7 +101,10 @@ class RangeSlot:
         nlos_odds: Array,
         range_weight: Array,
     ) -> None:
-        """`user_i`, `user_j` (n,) number the k users from 0; the rest is as in CalibratedRangeBlock."""
+        """`user_i`, `user_j` (n,) number the k users from 0.
+
+        (n,) each: distances (m), sigmas (m), NLOS odds, and the number of independent ranges that each counts as.
+        """
 
     def __len__(self) -> int: ...
     @property
@@ -296,6 +254,40 @@ class WalkSolver:
 
 def semidefinite_root(normal: Array) -> Array:
     """Rows R with R' R = `normal`, as many as its rank; `normal` is positive semidefinite but for rounding."""
+
+class Adjustment:
+    """Rigid walks of k users moved until n ranges between them fit (factors/adjustment.h)."""
+
+    def __init__(
+        self,
+        user_i: Indices,
+        user_j: Indices,
+        p_i: Array,
+        p_j: Array,
+        measured: Array,
+        centre: Array,
+        sigma: float,
+        soft: float,
+    ) -> None:
+        """Antennas (n, 3) m in the common frame, distances (n,) m; users turn about `centre` (k, 3) m.
+
+        `sigma` (m) of a range, and `soft` (m), from which on residuals count less.
+        """
+
+    def residuals(self, at: Array) -> Array:
+        """(n,) m, measured minus predicted, at corrections (k, 6): x, y, z, yaw, bias, scale."""
+
+    def adjust(
+        self,
+        at: Array,
+        free: Indices,
+        prior_mean: Array,
+        prior_weight: Array,
+        steps: int,
+        longest: float,
+        shortest: float,
+    ) -> tuple[Array, Array]:
+        """Corrections (k, 6) at the minimum near `at`, and the normal matrix (d, d) of the d variables `free`."""
 
 def neighbour_counts(bounds: Indices, t: Array, reach: float) -> Array:
     """(n,) number of ranges of the same pair within `reach` s of each, itself included.

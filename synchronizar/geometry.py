@@ -128,9 +128,11 @@ def wrap_angle(angle: float | Array) -> float | Array:
 def apply_frames(frames: Array, points: Array) -> Array:
     """(..., 3) m: points (..., 3), each of a frame (..., 4) x, y, z, yaw, in the frame that those are given in."""
     c, s = np.cos(frames[..., 3]), np.sin(frames[..., 3])
-    x, y, z = np.moveaxis(points, -1, 0)
-    turned = np.stack(np.broadcast_arrays(c * x - s * y, s * x + c * y, z), axis=-1)
-    return np.asarray(frames[..., :3] + turned)
+    x, y = points[..., 0], points[..., 1]
+    out = frames[..., :3] + points
+    out[..., 0] = frames[..., 0] + (c * x - s * y)
+    out[..., 1] = frames[..., 1] + (s * x + c * y)
+    return np.asarray(out)
 
 
 def difference(frames: Array, others: Array) -> Array:

@@ -262,6 +262,10 @@ class IntegrityParameters:
     """Ranges that a share is taken from, at least, ..."""
     innovation_many: int = 20
     """... and so many where that share are misfits of either sign: NLOS comes in bursts of a second."""
+    innovation_pair_sigmas: float = 2.0
+    """Sigmas: further off, a range of two users does not fit, once somebody is contradicted; ..."""
+    innovation_pair_share: float = 0.25
+    """... with a larger share of these, the two do not fit one another."""
     proven_duration: float = 5.0
     """s: until a user has been registered for so long, other placements are looked for all along."""
 

@@ -10,10 +10,12 @@ the priors expect while the delays (or heights) are free is the evidence that he
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from synchronizar._core import Adjustment as CoreAdjustment
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
@@ -21,6 +23,8 @@ from synchronizar.parameters import DiagnosisParameters, Parameters
 
 X, Y, Z, YAW, BIAS, SCALE = range(6)
 TERMS = 6
+
+_LONGEST_STEP, _SHORTEST_STEP = 0.5, 1e-3  # m, rad and log scale: of each variable
 
 
 @dataclass(frozen=True)
@@ -84,11 +88,12 @@ def adjusted(recording: Recording, registration: Registration, parameters: Param
     exact[:, BIAS] = limits.adjustment_held_sigma
 
     least_sigma = limits.adjustment_least_sigma
-    scale = max(_spread(_residuals(ends, centre, start)[0]), least_sigma)
+    begun = _core_of(ends, centre, 1.0, limits.soft_sigmas)
+    scale = max(_spread(begun.residuals(start)), least_sigma)
     problem = _Problem(ends, free, centre, mean, scale, limits)
     starts = _starts(start, free, static, limits)
     found = sorted((problem.solved(one, wide) for one in starts), key=lambda one: one.cost)[: limits.adjustment_kept]
-    problem = replace(problem, scale=max(_spread(_residuals(ends, centre, found[0].correction)[0]), least_sigma))
+    problem = replace(problem, scale=max(_spread(begun.residuals(found[0].correction)), least_sigma))
     found = [problem.solved(one.correction, wide) for one in found]
     best = min(found, key=lambda one: one.cost)
     begin = [start, *(one.correction for one in found)]
@@ -156,50 +161,27 @@ class _Problem:
 
     def solved(self, c: Array, sigmas: Array) -> _Solved:
         """The minimum near corrections c (k, 6), with priors of these sigmas (k, 6)."""
-        e, k, n = self.ends, len(c), len(self.ends.i)
-        soft = self.limits.soft_sigmas * self.scale
-        rows, where = np.arange(n), np.flatnonzero(self.free.ravel())
-        weight_of_prior = 1.0 / sigmas.ravel()[where] ** 2
-        mean = self.mean.ravel()[where]
-        normal = np.diag(weight_of_prior)
-        for _ in range(self.limits.adjustment_steps):
-            residual, along, arm_i, arm_j = _residuals(e, self.centre, c)
-            jacobian = np.zeros((n, k, TERMS))
-            jacobian[rows, e.i, :3] += along
-            jacobian[rows, e.j, :3] -= along
-            jacobian[rows, e.i, YAW] += along[:, 1] * arm_i[:, 0] - along[:, 0] * arm_i[:, 1]
-            jacobian[rows, e.j, YAW] -= along[:, 1] * arm_j[:, 0] - along[:, 0] * arm_j[:, 1]
-            jacobian[rows, e.i, SCALE] += np.sum(along * arm_i, axis=1)
-            jacobian[rows, e.j, SCALE] -= np.sum(along * arm_j, axis=1)
-            jacobian[rows, e.i, BIAS] += 1.0
-            jacobian[rows, e.j, BIAS] += 1.0
-            a = jacobian.reshape(n, TERMS * k)[:, where]
-            weighted = a / (self.scale**2 * (1.0 + (residual / soft) ** 2))[:, None]
-            normal = weighted.T @ a + np.diag(weight_of_prior)
-            now = c.ravel()[where]
-            step = np.linalg.solve(normal, weighted.T @ residual + weight_of_prior * (mean - now))
-            c = c.ravel().copy()
-            c[where] += np.clip(step, -0.5, 0.5)
-            c = c.reshape(k, TERMS)
-            if np.abs(step).max(initial=0.0) < 1e-3:
-                break
+        k, limits = len(c), self.limits
+        where = np.flatnonzero(self.free.ravel()).astype(np.int32)
+        weight_of_prior, mean = 1.0 / sigmas.ravel()[where] ** 2, self.mean.ravel()[where]
+        steps = limits.adjustment_steps
+        c, normal = self.core.adjust(c, where, mean, weight_of_prior, steps, _LONGEST_STEP, _SHORTEST_STEP)
         covariance = np.zeros((TERMS * k, TERMS * k))
         covariance[np.ix_(where, where)] = np.linalg.inv(normal)
-        z = _residuals(e, self.centre, c)[0] / soft
-        misfit = float(0.5 * self.limits.soft_sigmas**2 * np.log1p(z**2).sum())
+        z = self.core.residuals(c) / (limits.soft_sigmas * self.scale)
+        misfit = float(0.5 * limits.soft_sigmas**2 * np.log1p(z**2).sum())
         away = (c.ravel()[where] - mean) ** 2 * weight_of_prior
         return _Solved(c, covariance, misfit, misfit + 0.5 * float(away.sum()))
 
+    @cached_property
+    def core(self) -> CoreAdjustment:
+        """The ranges as the core has them."""
+        return _core_of(self.ends, self.centre, self.scale, self.limits.soft_sigmas)
 
-def _residuals(e: _Ends, centre: Array, c: Array) -> tuple[Array, Array, Array, Array]:
-    """Residuals (n,), directions (n, 3) from j to i, and both turned and scaled arms (n, 3)."""
-    arm_i, arm_j = (
-        np.exp(c[w, SCALE])[:, None] * _turned(p - centre[w], c[w, YAW]) for p, w in ((e.p, e.i), (e.q, e.j))
-    )
-    apart = (arm_i + centre[e.i] + c[e.i, :3]) - (arm_j + centre[e.j] + c[e.j, :3])
-    distance = np.linalg.norm(apart, axis=1)
-    along = apart / np.maximum(distance, 1e-3)[:, None]
-    return e.distance - distance - c[e.i, BIAS] - c[e.j, BIAS], along, arm_i, arm_j
+
+def _core_of(e: _Ends, centre: Array, scale: float, soft_sigmas: float) -> CoreAdjustment:
+    i, j = (who.astype(np.int32) for who in (e.i, e.j))
+    return CoreAdjustment(i, j, e.p, e.q, e.distance, centre, scale, soft_sigmas * scale)
 
 
 def _starts(start: Array, free: Mask, static: Mask, limits: DiagnosisParameters) -> list[Array]:
@@ -252,11 +234,6 @@ def _mirrored(one: Array, best: Array, origin: Array, free: Mask, share: float) 
     u = int(np.argmax(np.abs(heights)))
     other = origin[u] + one[u, Z]
     return bool(other * heights[u] < 0.0 and abs(other) > share * abs(heights[u]))
-
-
-def _turned(arm: Array, yaw: Array) -> Array:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1], arm[:, 2]])
 
 
 def _spread(residual: Array) -> float:

@@ -52,7 +52,7 @@ def find_optima(graph: PoseGraph, starts: list[States], progress: Progress = unh
             _add_optimum(graph, graph.initial_states(start.frames), found, ())
     best = min(found, key=by_cost)
     while graph.free:
-        for states in chain(relaid(best.graph, best.states), _mirror_images(best)):
+        for states in chain(relaid(best.graph, best.states), _mirror_images(best, found)):
             _add_optimum(best.graph, states, found, ())
         better = min(found, key=by_cost)
         progress(0.8)
@@ -108,10 +108,11 @@ def _with_search_weights(em_weights: EmWeights) -> EmWeights:
     return replace(em_weights, range_weight=np.sqrt(em_weights.range_weight))
 
 
-def _mirror_images(optimum: LocalOptimum) -> Iterator[States]:
+def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator[States]:
     """States at which mirror images of an optimum may explain the ranges as well, likeliest first.
 
-    Users on one level leave the signs of heights open, users on a line the side of it.
+    Users on one level leave the signs of heights open, users on a line the side of it. Heights that one of the optima
+    `found` has are not tried again.
     """
     graph, states, rigid = optimum.graph, optimum.states, _rigid(optimum)
     parameters = graph.parameters
@@ -126,11 +127,9 @@ def _mirror_images(optimum: LocalOptimum) -> Iterator[States]:
 
     heights = rigid.other_heights(states.anchor_poses, parameters.integrity.cost_excluded_nlos / range_weight)
     heights += height_mirrors(flat, states.anchor_poses, graph.reference)
-    apart = [
-        f
-        for f in heights
-        if (np.abs(f[:, 2] - states.anchor_poses[:, 2]) > parameters.search.mirror_sigmas * sigma)[graph.free].any()
-    ]
+    near, free = parameters.search.mirror_sigmas * sigma[graph.free], graph.free
+    known = np.array([s.states.anchor_poses[free, 2] for s in (optimum, *found)])
+    apart = [f for f in heights if (np.abs(f[free, 2] - known) > near).any(axis=1).all()]
     images = [(cost, frames) for frames in apart if (cost := above(frames)) < parameters.search.hopeless_cost]
     most = parameters.search.hopeless_cost + parameters.search.mirror_cost_per_range * range_weight * len(flat)
     images += [

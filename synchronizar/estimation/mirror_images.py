@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.graph.problem import connected
+from synchronizar.graph.problem import ranging, reached_from
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 
@@ -33,16 +33,18 @@ def reflections(measurements: RangeMeasurements, frames: Array, reference: int) 
     frame is turned so that its own principal axis is mirrored, which is exact only as far as it walks a line too.
     """
     out = []
-    active_users = np.flatnonzero(~np.isnan(frames[:, 0]))
-    for pivot in active_users.tolist():
-        others = measurements[((measurements.i != pivot) & (measurements.j != pivot)).nonzero()[0].astype(np.int32)]
-        centroid, direction = _line(measurements, frames, pivot)
-        remaining = set(active_users.tolist()) - {pivot}
+    active_users = np.flatnonzero(~np.isnan(frames[:, 0])).tolist()
+    linked = ranging(measurements, len(frames))
+    for pivot in active_users:
+        others = linked.copy()
+        others[pivot] = others[:, pivot] = False
+        remaining = set(active_users) - {pivot}
         while remaining:
-            part = set(connected(others, len(frames), min(remaining)))
+            part = set(reached_from(min(remaining), others))
             remaining -= part
-            moved = part if reference not in part else set(active_users.tolist()) - part - {pivot}
+            moved = part if reference not in part else set(active_users) - part - {pivot}
             if moved:
+                centroid, direction = _line(measurements, frames, pivot)
                 reflected = frames.copy()
                 for u in moved:
                     reflected[u] = _reflect(measurements, frames, u, centroid, direction)

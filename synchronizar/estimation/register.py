@@ -18,8 +18,10 @@ from synchronizar.estimation.rigid import register_rigid
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.suspect_poses import without_suspect_poses
 from synchronizar.progress import Progress, unheard
+from synchronizar.threads import one_blas_thread
 
 
+@one_blas_thread()
 def register(
     recording: Recording,
     reference: str | None = None,

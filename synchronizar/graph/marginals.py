@@ -14,7 +14,7 @@ from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.optimization import reduced
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import SCALE, States
-from synchronizar.preprocessing.range_measurements import pairs
+from synchronizar.preprocessing.range_measurements import mean_by_pair, pair_bounds
 
 
 class Marginals(NamedTuple):
@@ -93,6 +93,7 @@ def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooper
     yield
     walks, calibrated = graph.walks, bool(graph.calibrations)
     k, first, last = len(walks.users), walks.first[:-1], walks.first[1:] - 1
+    wanted, at = np.unique(np.concatenate([first, last]), return_inverse=True)
     height_curvature = graph.height_curvature(states, em_weights)
     covariance = walks.solver.covariance(
         walks.places(states),
@@ -100,15 +101,18 @@ def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooper
         graph.walk_noise(states.anchor_poses, em_weights),
         graph.loss,
         _mean_curvature(graph, height_curvature),
-        np.concatenate([first, last]),
+        wanted,
     )
     size = np.sqrt(np.diag(covariance))
     size[size == 0.0] = 1.0  # of what is fixed
     eigenvalues, axes = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * axes * np.sqrt(np.maximum(eigenvalues, 0.0))
     none = np.zeros((3, root.shape[1]))
-    of_first, of_last = root[: 4 * k].reshape(k, 4, -1), root[4 * k : 8 * k].reshape(k, 4, -1).copy()
-    of_calibrations = root[8 * k :].reshape(k, 3, -1) if calibrated else np.broadcast_to(none, (k, *none.shape))
+    of_keyframes = root[: 4 * len(wanted)].reshape(len(wanted), 4, -1)
+    of_first, of_last = of_keyframes[at[:k]], of_keyframes[at[k:]]
+    of_calibrations = (
+        root[4 * len(wanted) :].reshape(k, 3, -1) if calibrated else np.broadcast_to(none, (k, *none.shape))
+    )
     # A height of SLAM's grows with scale.
     by_scale = np.exp(states.calibration[walks.users, SCALE]) * walks.slam[first, 2]
     of_scale = of_calibrations[:, SCALE]
@@ -169,23 +173,19 @@ def _errors_in_frames(graph: PoseGraph, states: States, em_weights: EmWeights) -
 
 def _mean_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
     """(n,) 1/m^2: the mean height curvature of each pair's ranges where it is positive, 0 elsewhere."""
-    out = np.zeros_like(height_curvature)
-    for pair in pairs(graph.measurements):
-        out[pair.measurements] = max(height_curvature[pair.measurements].mean(), 0.0)
-    return out
+    bounds = pair_bounds(graph.measurements)
+    return np.repeat(np.maximum(mean_by_pair(height_curvature, bounds), 0.0), np.diff(bounds))
 
 
 def _negative_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
     """The negative height curvature of pairs as second derivatives (1/m^2) by the free users' heights."""
-    column = {u: n for n, u in enumerate(graph.free)}
-    out = np.zeros((len(column), len(column)))
-    for pair in pairs(graph.measurements):
-        row = np.zeros(len(column))
-        for user, sign in ((pair.i, 1.0), (pair.j, -1.0)):
-            if user in column:
-                row[column[user]] = sign
-        out += min(height_curvature[pair.measurements].sum(), 0.0) * np.outer(row, row)
-    return out
+    bounds, k = pair_bounds(graph.measurements), len(graph.users)
+    begin = bounds[:-1]
+    negative = np.minimum(mean_by_pair(height_curvature, bounds) * np.diff(bounds), 0.0)
+    out, i, j = np.zeros((k, k)), graph.measurements.i[begin], graph.measurements.j[begin]
+    for at, value in (((i, i), negative), ((j, j), negative), ((i, j), -negative), ((j, i), -negative)):
+        np.add.at(out, at, value)
+    return out[np.ix_(graph.free, graph.free)]
 
 
 def _last_pose_jacobians(graph: PoseGraph, states: States, user: int) -> dict[int, Array]:

@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import NamedTuple, Self
 
 import gtsam
 import numpy as np
 
-from synchronizar._core import CalibratedRangeBlock, NlosMixture, WalkNoise, burst_nlos_odds_of_pairs, mixture_terms
+from synchronizar._core import NlosMixture, RangeSlot, WalkNoise, burst_nlos_odds_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices
 from synchronizar.cooperative import Cooperative, finish
 from synchronizar.data.recording import Recording
@@ -28,7 +27,7 @@ from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.optimization import optimizing
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.problem import Problem
-from synchronizar.graph.range_factors import CalibratedRangeBlockFactor, CalibratedUserKeys, PoseCache
+from synchronizar.graph.range_factors import CalibratedUserKeys, PoseCache, RangeSlotFactor
 from synchronizar.graph.states import CLOCK, SCALE, States, slam_states, steps, to_rigid_ranges
 from synchronizar.graph.walks import Walks
 from synchronizar.parameters import Parameters
@@ -149,9 +148,6 @@ class PoseGraph:
             range_ends(recording, s, s.i, self.keyframes, clock_offset),
             range_ends(recording, s, s.j, self.keyframes, clock_offset),
         )
-        i, j = self._ends
-        changes = np.diff(s.i) | np.diff(s.j) | np.diff(i.keyframe) | np.diff(j.keyframe)
-        self._bounds = np.unique(np.concatenate([[0], np.flatnonzero(changes) + 1, [len(s)]]))
 
     def with_keyframes(self, keyframes: list[Keyframes]) -> Self:
         """The same graph with other step sigmas; `keyframes` differ from its own in nothing else."""
@@ -405,9 +401,20 @@ class PoseGraph:
         self, graph: gtsam.NonlinearFactorGraph, em_weights: EmWeights, annealing: float, height_curvature: Array | None
     ) -> None:
         s, (i, j) = self.measurements, self._ends
-        for first, end in pairwise(self._bounds.tolist()):
-            k = slice(first, end)
-            block = CalibratedRangeBlock(
+        # A slot is the time between two neighbouring boundaries of anybody's: within it each user is at one keyframe.
+        boundaries = np.unique(np.concatenate([self.keyframes[u].until for u in self.active_users]))
+        slot = np.searchsorted(boundaries, s.t)
+        order = np.argsort(slot, kind="stable")
+        number = np.zeros(len(self.users), dtype=np.int32)
+        for k in np.split(order, np.flatnonzero(np.diff(slot[order])) + 1) if len(s) else []:
+            users = np.union1d(s.i[k], s.j[k])
+            number[users] = np.arange(len(users))
+            keyframe = np.zeros(len(self.users), dtype=np.int32)
+            keyframe[s.i[k]], keyframe[s.j[k]] = i.keyframe[k], j.keyframe[k]
+            of_slot = RangeSlot(
+                len(users),
+                number[s.i[k]],
+                number[s.j[k]],
                 (i.offset[k], i.lever[k], i.velocity[k]),
                 (j.offset[k], j.lever[k], j.velocity[k]),
                 s.distance[k],
@@ -415,12 +422,13 @@ class PoseGraph:
                 em_weights.nlos_odds[k],
                 em_weights.range_weight[k],
             )
-            keys_i = self.keys(int(s.i[first]), int(i.keyframe[first]))
-            keys_j = self.keys(int(s.j[first]), int(j.keyframe[first]))
-            curvature = None if height_curvature is None else float(height_curvature[k].sum())
-            graph.add(
-                CalibratedRangeBlockFactor(keys_i, keys_j, block, self.loss, annealing, self._pose_cache, curvature)
-            )
+            curvature = None
+            if height_curvature is not None:
+                pair = {of_pair: n for n, of_pair in enumerate(of_slot.pairs)}
+                which = [pair[a, b] for a, b in zip(number[s.i[k]].tolist(), number[s.j[k]].tolist(), strict=True)]
+                curvature = np.bincount(which, height_curvature[k], len(pair)).astype(float)
+            keys_of = [self.keys(u, int(keyframe[u])) for u in users.tolist()]
+            graph.add(RangeSlotFactor(keys_of, of_slot, self.loss, annealing, self._pose_cache, curvature))
 
     def linearizing(
         self, states: States, em_weights: EmWeights, height_curvature: Array | None = None

@@ -68,15 +68,22 @@ class Problem:
 
 def connected(measurements: RangeMeasurements, users: int, reference: int) -> list[int]:
     """The users connected to the reference by a chain of ranges, itself included, sorted."""
-    reached = np.zeros(users, dtype=bool)
-    reached[reference] = True
-    ranging = np.zeros((users, users), dtype=bool)
-    ranging[measurements.i, measurements.j] = True
-    links = np.stack(np.nonzero(ranging))
+    return reached_from(reference, ranging(measurements, users))
+
+
+def ranging(measurements: RangeMeasurements, users: int) -> Mask:
+    """(k, k) whether two users range to each other."""
+    out = np.zeros((users, users), dtype=bool)
+    out[measurements.i, measurements.j] = out[measurements.j, measurements.i] = True
+    return out
+
+
+def reached_from(user: int, linked: Mask) -> list[int]:
+    """The users that a chain of links (k, k) connects to a user, itself included, sorted."""
+    reached = np.zeros(len(linked), dtype=bool)
+    reached[user] = True
     while True:
-        touched = reached[links].any(axis=0)
-        grown = reached.copy()
-        grown[links[:, touched].ravel()] = True
+        grown = reached | linked[reached].any(axis=0)
         if (grown == reached).all():
             return np.flatnonzero(reached).tolist()
         reached = grown

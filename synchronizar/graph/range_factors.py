@@ -16,14 +16,13 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from synchronizar._core import CalibratedRangeBlock, Calibration, RangeBlock, RangeSlot, UserPose, range_residual
+from synchronizar._core import RangeBlock, RangeSlot, UserPose, range_residual
 from synchronizar.arrays import Array
 
 if TYPE_CHECKING:
     from synchronizar._core import Loss
 
 _BLOCK_NOISE = gtsam.noiseModel.Unit.Create(5)
-_CALIBRATED_BLOCK_NOISE = gtsam.noiseModel.Unit.Create(10)
 
 _Error = Callable[[gtsam.CustomFactor, gtsam.Values, "list[Array] | None"], Array]
 
@@ -203,7 +202,7 @@ class CalibratedUserKeys(NamedTuple):
 
 
 class PoseCache:
-    """Cache of users' poses and calibrations at fixed values: many blocks share a keyframe.
+    """Cache of users' poses and calibrations at fixed values: many slots share a keyframe.
 
     It works only for values announced by `hold`; with any others, as in gtsam's own optimisers, everything is read
     again.
@@ -225,46 +224,6 @@ class PoseCache:
         if known is None:
             known = self._read[keys] = keys.read(values)
         return known
-
-
-class CalibratedRangeBlockFactor(gtsam.CustomFactor):
-    """Many ranges between the same two keyframes of two devices with calibrations, as one factor of ten rows.
-
-    As in RangeBlockFactor, half the squared norm of the error is the sum of the losses, and the linearised rows have
-    the ranges' information.
-    """
-
-    def __init__(
-        self,
-        i: CalibratedUserKeys,
-        j: CalibratedUserKeys,
-        block: CalibratedRangeBlock,
-        loss: Loss,
-        annealing: float = 1.0,
-        pose_cache: PoseCache | None = None,
-        height_curvature: float | None = None,
-    ) -> None:
-        """`annealing` >= 1 widens the loss (graduated non-convexity); factors of a graph may share a `pose_cache`.
-
-        `height_curvature` (1/m^2) is that of `CalibratedRangeBlock.square_root`.
-        """
-        columns = i.columns(0) + j.columns(11)
-        read = pose_cache or PoseCache()
-
-        def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-            at_i, at_j = read.of(i, values), read.of(j, values)
-            pose_i, calibration_i = UserPose(*at_i[:8]), Calibration(*at_i[8:])
-            pose_j, calibration_j = UserPose(*at_j[:8]), Calibration(*at_j[8:])
-            if jacobians is None:
-                norm = np.zeros(10)
-                norm[0] = np.sqrt(2.0 * block.cost(pose_i, calibration_i, pose_j, calibration_j, loss, annealing))
-                return norm
-            root = block.square_root(pose_i, calibration_i, pose_j, calibration_j, loss, annealing, height_curvature)
-            for k, which in enumerate(columns):
-                jacobians[k] = root[:, which]
-            return root[:, -1]
-
-        super().__init__(_CALIBRATED_BLOCK_NOISE, i.keys() + j.keys(), error)
 
 
 class RangeSlotFactor(gtsam.CustomFactor):

@@ -143,12 +143,10 @@ def range_ends(
             continue
         track = recording.tracks[user.name]
         t = np.clip(measurements.t[mine] + clock_offset[u], track.t[0], track.t[-1])
-        place, arm = _antennas(track, user, t, antenna[mine])
         before, after = np.maximum(t - _REACH, track.t[0]), np.minimum(t + _REACH, track.t[-1])
-        begin, end = (
-            sum(_antennas(track, user, before, antenna[mine])),
-            sum(_antennas(track, user, after, antenna[mine])),
-        )
+        places, arms = _antennas(track, user, np.concatenate([t, before, after]), np.tile(antenna[mine], 3))
+        (place, *_), (arm, *_) = np.split(places, 3), np.split(arms, 3)
+        _, begin, end = np.split(places + arms, 3)
         # By the range clock: any near keyframe will do, and both ends change theirs at the same time.
         keyframe[mine] = keyframes[u].nearest(measurements.t[mine])
         offset[mine] = place - keyframes[u].place[keyframe[mine]]
@@ -159,5 +157,8 @@ def range_ends(
 
 def _antennas(track: Track, user: User, t: Array, antenna: Indices) -> tuple[Array, Array]:
     """(n, 3) each: device positions (SLAM units) and lever arms to its antennas (m), in the SLAM frame."""
+    if not user.antennas:
+        place = np.column_stack([np.interp(t, track.t, track.position[:, n]) for n in range(3)])
+        return place, np.zeros_like(place)
     poses = track.at(t, np.inf)
     return poses.position, rotate_by_quaternions(poses.quat_xyzw, user.levers[antenna])

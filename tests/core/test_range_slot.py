@@ -8,15 +8,12 @@ import pytest
 from support import reference_kernel as reference
 
 from synchronizar._core import (
-    CalibratedRangeBlock,
-    Calibration,
     Cauchy,
     GemanMcClure,
     Huber,
     NlosMixture,
     RangeSlot,
     Squared,
-    UserPose,
     semidefinite_root,
 )
 from synchronizar.arrays import Array
@@ -50,25 +47,27 @@ class Scene:
         columns = self.distance, self.sigma, self.odds, self.range_weight
         return RangeSlot(self.k, self.i, self.j, self.ends[0], self.ends[1], *columns)
 
-    def blocks(self) -> list[tuple[int, int, CalibratedRangeBlock]]:
-        """One of each pair."""
+    def of_pairs(self) -> list[tuple[int, int, RangeSlot]]:
+        """The slot of each pair by itself."""
         out = []
         for a, b in combinations(range(self.k), 2):
             which = (self.i == a) & (self.j == b)
             ends = [tuple(column[which] for column in end) for end in self.ends]
             columns = (c[which] for c in (self.distance, self.sigma, self.odds, self.range_weight))
-            out.append((a, b, CalibratedRangeBlock(ends[0], ends[1], *columns)))
+            first = np.zeros(which.sum(), dtype=np.int32)
+            out.append((a, b, RangeSlot(2, first, first + 1, ends[0], ends[1], *columns)))
         return out
 
-    def at(self, user: int) -> tuple[UserPose, Calibration]:
-        return UserPose(*self.poses[user]), Calibration(*self.calibrations[user])
+    def at(self, *users: int) -> tuple[Array, Array]:
+        """Poses and calibrations."""
+        return self.poses[list(users)], self.calibrations[list(users)]
 
-    def squares_of_blocks(self, loss: Loss, annealing: float = 1.0, curvature: Array | None = None) -> Array:
-        """[A b]' [A b] over all users' eleven columns and a residual, block by block."""
+    def squares_of_pairs(self, loss: Loss, annealing: float = 1.0, curvature: Array | None = None) -> Array:
+        """[A b]' [A b] over all users' eleven columns and a residual, pair by pair."""
         out = np.zeros((11 * self.k + 1, 11 * self.k + 1))
-        for p, (a, b, block) in enumerate(self.blocks()):
-            own = None if curvature is None else float(curvature[p])
-            root = block.square_root(*self.at(a), *self.at(b), loss, annealing, own)
+        for p, (a, b, slot) in enumerate(self.of_pairs()):
+            own = None if curvature is None else curvature[p : p + 1]
+            root = slot.square_root(*self.at(a, b), loss, annealing, own)
             at = np.concatenate([np.arange(11 * a, 11 * a + 11), np.arange(11 * b, 11 * b + 11), [11 * self.k]])
             out[np.ix_(at, at)] += root.T @ root
         return out
@@ -81,19 +80,18 @@ def assert_same_squares(root: Array, expected: Array) -> None:
 
 @pytest.mark.parametrize("k", [2, 3, 7, 20])
 @losses
-def test_a_slot_is_the_sum_of_its_pairs_blocks(k: int, loss: Loss) -> None:
+def test_a_slot_is_the_sum_of_its_pairs(k: int, loss: Loss) -> None:
     scene = Scene(k, 6 if k < 20 else 2)
     slot = scene.slot()
     assert len(slot) == len(scene.distance)
     assert slot.users == k
     assert slot.pairs == list(combinations(range(k), 2))
-    level = np.zeros(len(slot.pairs))
-    root = slot.square_root(scene.poses, scene.calibrations, loss, 1.5, level)
+    root = slot.square_root(scene.poses, scene.calibrations, loss, 1.5)
     assert len(root) <= 7 * k + 1
-    assert_same_squares(root, scene.squares_of_blocks(loss, 1.5, level))
-    expected = sum(block.cost(*scene.at(a), *scene.at(b), loss, 1.5) for a, b, block in scene.blocks())
+    assert_same_squares(root, scene.squares_of_pairs(loss, 1.5))
+    expected = sum(pair.cost(*scene.at(a, b), loss, 1.5) for a, b, pair in scene.of_pairs())
     assert slot.cost(scene.poses, scene.calibrations, loss, 1.5) == pytest.approx(expected, rel=1e-12)
-    residuals = np.concatenate([block.residuals(*scene.at(a), *scene.at(b)) for a, b, block in scene.blocks()])
+    residuals = np.concatenate([pair.residuals(*scene.at(a, b)) for a, b, pair in scene.of_pairs()])
     np.testing.assert_allclose(slot.residuals(scene.poses, scene.calibrations), residuals, atol=1e-12)
 
 
@@ -122,7 +120,7 @@ def test_users_far_from_the_origin_lose_no_digits() -> None:
     scene.poses[:, :2] += 1e4
     scene.distance += scene.slot().residuals(scene.poses, scene.calibrations)
     scene.distance += np.random.default_rng(1).normal(0.0, 0.1, len(scene.distance))
-    rows = scene.squares_of_blocks(Squared(), curvature=np.zeros(6))
+    rows = scene.squares_of_pairs(Squared(), curvature=np.zeros(6))
     root = scene.slot().square_root(scene.poses, scene.calibrations, Squared(), height_curvature=np.zeros(6))
     assert_same_squares(root, rows)
     # Without each user's heading, which the origin moves, what is left is as good as near the origin.
@@ -156,22 +154,14 @@ def test_antennas_that_coincide_have_no_direction_and_spoil_nothing() -> None:
     scene.distance = np.full(3, 0.1)
     root = scene.slot().square_root(scene.poses, scene.calibrations, NlosMixture(1.0, 0.002))
     assert np.isfinite(root).all()
-    assert_same_squares(root, scene.squares_of_blocks(NlosMixture(1.0, 0.002)))
-
-
-@losses
-def test_heights_are_bent_pair_by_pair_as_in_blocks(loss: Loss) -> None:
-    """At keyframes of height 0; elsewhere the log scale moves the keyframe and is bent with it."""
-    scene = Scene(5, 6, offset=-0.3)
-    scene.poses[:, 7] = 0.0
-    assert_same_squares(scene.slot().square_root(scene.poses, scene.calibrations, loss), scene.squares_of_blocks(loss))
+    assert_same_squares(root, scene.squares_of_pairs(NlosMixture(1.0, 0.002)))
 
 
 def test_height_curvature_is_replaced_pair_by_pair() -> None:
     scene, curvature = Scene(4, 5), np.linspace(0.0, 3.0, 6)
     scene.poses[:, 7] = 0.0
     root = scene.slot().square_root(scene.poses, scene.calibrations, Squared(), height_curvature=curvature)
-    assert_same_squares(root, scene.squares_of_blocks(Squared(), curvature=curvature))
+    assert_same_squares(root, scene.squares_of_pairs(Squared(), curvature=curvature))
 
 
 @losses
@@ -181,7 +171,7 @@ def test_at_the_frames_origins_there_are_columns_of_frames_and_devices_alone(los
     root = scene.slot().square_root_frames(scene.poses[:, :4].copy(), scene.calibrations, loss, 2.0)
     kept = [11 * u + c for u in range(5) for c in (0, 1, 2, 3, 8, 9, 10)] + [55]
     assert root.shape[1] == 36
-    assert_same_squares(root, scene.squares_of_blocks(loss, 2.0)[np.ix_(kept, kept)])
+    assert_same_squares(root, scene.squares_of_pairs(loss, 2.0)[np.ix_(kept, kept)])
 
 
 def test_weights_are_replaced_and_the_rest_is_kept() -> None:

@@ -55,36 +55,87 @@ class Contradictions:
         """Remember just these."""
         self._recent = recent
 
-    def found(self, now: float, gauge: int) -> tuple[int, str] | None:
-        """The user whose ranges contradict it most, and why; of two that only range to each other not the gauge."""
-        worst: tuple[float, int, str] | None = None
-        for window in self._parameters.integrity.innovation_windows:
-            for excess, user, reason in self._over(window, now, gauge):
-                if worst is None or excess > worst[0]:
-                    worst = excess, user, reason
-        return None if worst is None else worst[1:]
+    def found(self, now: float, gauge: int) -> tuple[list[int], str] | None:
+        """The users whose latest ranges contradict them, and why; None: there are none.
 
-    def _over(self, window: float, now: float, gauge: int) -> list[tuple[float, int, str]]:
+        A user's ranges ring the alarm. Who is wrong then is told by who still fits whom: those who fit the gauge, by a
+        chain of pairs that fit, are right, unless that is nobody but the gauge while others fit one another.
+        """
+        rung = None
+        for window in self._parameters.integrity.innovation_windows:
+            rung = self._alarm(window, now)
+            if rung is not None:
+                break
+        if rung is None:
+            return None
+        user, reason, window = rung
+        groups = self._groups(window, now)
+        with_gauge = next((group for group in groups if gauge in group), [gauge])
+        wrong = [u for group in groups if group is not with_gauge for u in group]
+        if len(with_gauge) == 1 and any(len(group) > 1 for group in groups):
+            largest = max(groups, key=len)
+            wrong = [u for group in groups if group is not largest for u in group]
+        if not wrong:  # all fit by some chain: it is the one that rang
+            wrong = [user if user != gauge else self._worst_beside(gauge, window, now)]
+        return wrong, reason
+
+    def _alarm(self, window: float, now: float) -> tuple[int, str, float] | None:
+        """The user that fits worst over a stretch of time, where that is more than chance."""
         m = self._parameters.integrity
         late = self._recent.t > now - window
         i, j, whitened = self._recent.i[late], self._recent.j[late], self._recent.whitened[late]
         if len(whitened) < m.innovation_fewest:
-            return []
+            return None
         short = (whitened > m.innovation_sigmas).astype(float)
         off = (np.abs(whitened) > m.innovation_sigmas).astype(float)
         size = int(max(i.max(), j.max())) + 1
         count, shorts, offs = (
             np.bincount(i, weights, size) + np.bincount(j, weights, size) for weights in (np.ones(len(i)), short, off)
         )
-        out = []
-        for user in np.flatnonzero(count >= m.innovation_fewest).tolist():
-            too_short, misfits = shorts[user] / count[user], offs[user] / count[user]
-            # By chance a few are too short: three standard deviations of a binomial count beyond the tolerated share.
-            allowed = m.innovation_short_share
-            limit = allowed + 3.0 * np.sqrt(allowed * (1.0 - allowed) / count[user])
-            enough = window > min(m.innovation_windows) and count[user] >= m.innovation_many
-            excess = max(too_short / limit, misfits / m.largest_rejected if enough else 0.0)
-            if excess > 1.0:
-                share = f"{max(too_short, misfits):.0%} of its ranges in the last {window:g} s do not fit"
-                out.append((excess - (0.5 if user == gauge else 0.0) * 1e-3, user, share))
-        return out
+        many = np.maximum(count, 1.0)
+        # By chance a few are too short: three standard deviations of a binomial count beyond the tolerated share.
+        allowed = m.innovation_short_share
+        limit = allowed + 3.0 * np.sqrt(allowed * (1.0 - allowed) / many)
+        lasting = (window > min(m.innovation_windows)) & (count >= m.innovation_many)
+        excess = np.maximum(shorts / many / limit, np.where(lasting, offs / many / m.largest_rejected, 0.0))
+        excess[count < m.innovation_fewest] = 0.0
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 1.0:
+            return None
+        share = max(shorts[worst], offs[worst]) / many[worst]
+        return worst, f"{share:.0%} of its ranges in the last {window:g} s do not fit", window
+
+    def _groups(self, window: float, now: float) -> list[list[int]]:
+        """The users of the latest ranges, in groups that chains of pairs connect whose ranges fit."""
+        pairs, shares = self._shares(window, now)
+        group = {u: u for pair in pairs for u in pair}
+
+        def head(u: int) -> int:
+            while group[u] != u:
+                u = group[u]
+            return u
+
+        for (a, b), share in zip(pairs, shares, strict=True):
+            if share <= self._parameters.integrity.innovation_pair_share:
+                group[head(a)] = head(b)
+        found: dict[int, list[int]] = {}
+        for u in sorted(group):
+            found.setdefault(head(u), []).append(u)
+        return list(found.values())
+
+    def _shares(self, window: float, now: float) -> tuple[list[tuple[int, int]], list[float]]:
+        """Pairs of users, and the share of their latest ranges that are off."""
+        late = self._recent.t > now - window
+        if not late.any():
+            return [], []
+        both = np.stack([self._recent.i[late], self._recent.j[late]], axis=1)
+        off = np.abs(self._recent.whitened[late]) > self._parameters.integrity.innovation_pair_sigmas
+        pairs, of = np.unique(both, axis=0, return_inverse=True)
+        shares = np.bincount(of.ravel(), off) / np.bincount(of.ravel())
+        return [(int(a), int(b)) for a, b in pairs.tolist()], shares.tolist()
+
+    def _worst_beside(self, gauge: int, window: float, now: float) -> int:
+        """Whose ranges to the gauge fit worst."""
+        pairs, shares = self._shares(window, now)
+        own = [(share, a + b - gauge) for (a, b), share in zip(pairs, shares, strict=True) if gauge in (a, b)]
+        return max(own)[1]

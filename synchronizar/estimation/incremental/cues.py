@@ -17,6 +17,9 @@ from synchronizar.parameters import Parameters
 
 _DIRECTIONS = 16
 _LENGTHS = (1.0, 2.0, 3.0)  # m
+_BESIDE = 0.5  # m: side by side
+_FARTHEST = 8.0  # m: nobody is asked to walk further
+_SAME_WAY = 12.0  # deg: a way that was told is told again while it is nearly as good
 _SPACING = 0.5  # m: ranges closer than this share their reflections
 _ENOUGH = 0.8  # of what the longest walk would gain
 _LEAST_GAIN = 0.01  # of nearness: less is not worth a walk
@@ -50,18 +53,36 @@ def cue_of(
     ranges, `names` theirs; `extent` (c, 3) bound its walk about its last keyframe. The way
     that was told `before` is told again while it is nearly as good.
     """
-    phi = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
-    now = nearness(best, user, False, extent, parameters)
-    gain = np.array([[_after(best, user, here, others, a, n, extent, parameters) - now for n in _LENGTHS] for a in phi])
-    way = int(np.argmax(gain[:, -1]))
-    if before is not None:
-        same = int(np.argmin(np.abs(_degrees(np.asarray(phi - before.direction, dtype=float)))))
-        way = same if gain[same, -1] >= _ENOUGH * gain[way, -1] else way
-    if not len(others) or now >= 1.0 or gain[way, -1] < _LEAST_GAIN:
+    if not len(others):
         return None
-    length = _LENGTHS[int(np.argmax(gain[way] >= _ENOUGH * gain[way, -1]))]
-    direction = float(phi[way])
+    now = nearness(best, user, False, extent, parameters)
+    if now >= 1.0:
+        return None
+    walks = [
+        (phi, n, _after(best, user, here, others, phi, n, extent, parameters) - now) for phi, n in _walks(here, others)
+    ]
+    most = max(gain for _, _, gain in walks)
+    if most < _LEAST_GAIN:
+        return None
+    good = [(n, -gain, phi) for phi, n, gain in walks if gain >= _ENOUGH * most]
+    length, _, direction = min(good)
+    if before is not None:
+        same = [(n, phi) for n, _, phi in good if abs(float(_degrees(np.asarray(phi - before.direction)))) < _SAME_WAY]
+        length, direction = min(same, default=(length, direction))
     return Cue(direction, length, f"walk {length:.0f} m {_towards(direction, here, others, velocity, names)}")
+
+
+def _walks(here: Array, others: Array) -> list[tuple[float, float]]:
+    """Directions (rad) and lengths (m) of walks: a few metres any way, and up to the side of each of the others.
+
+    Beside somebody the direction to it changes most.
+    """
+    out = [(n * 2.0 * np.pi / _DIRECTIONS, length) for n in range(_DIRECTIONS) for length in _LENGTHS]
+    for x, y in (others - here)[:, :2].tolist():
+        length = float(np.hypot(x, y)) - _BESIDE
+        if _LENGTHS[-1] < length <= _FARTHEST:
+            out.append((float(np.arctan2(y, x)), length))
+    return out
 
 
 def _after(

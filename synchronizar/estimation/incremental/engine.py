@@ -20,7 +20,9 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
+from synchronizar.estimation.hypotheses import GaussianComponent, Hypothesis
 from synchronizar.estimation.incremental.contradictions import Contradictions
+from synchronizar.estimation.incremental.cues import cue_of
 from synchronizar.estimation.incremental.members import Members
 from synchronizar.estimation.incremental.range_log import RangeLog
 from synchronizar.estimation.incremental.searcher import Searcher
@@ -31,13 +33,17 @@ from synchronizar.estimation.incremental.tracking import JoiningUser, Tracking
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.extent import extent_points_of
 from synchronizar.preprocessing.pose_stream import PoseStream, SetAside, Tail
 from synchronizar.preprocessing.stamp_guard import StampGuard
 from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, yaw_of_quaternions, yaw_quaternion
+from synchronizar.threads import one_blas_thread
 
 _LONG_AGO = -1e9  # s: a track of one pose there covers no range
 _NOWHERE = Track(np.array([_LONG_AGO]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
+_RECENT_WALK = 1.0  # s: in which somebody's way shows
 _WATCHED_AT = 0.9  # of the progress: while a user is watched
+_FOLLOWED_AT = 0.25  # of the progress: who is known worse is not followed, for nothing is linear so far off
 _FIRST_SEARCH = 1.0  # s after the first range
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
 
@@ -64,6 +70,8 @@ class Engine:
         """(3,) m: where the graph's origin lies in the common frame."""
         self.searched = -np.inf
         self.alternatives: list[tuple[float, dict[int, Array]]] = []
+        self._begun: Placed | None = None
+        """Where the reference was followed to be last; None before anybody was followed."""
         self._candidates: tuple[Candidate, ...] = ()
         self._found: Found | None = None
         self._range_weight: float | None = None
@@ -77,6 +85,7 @@ class Engine:
         self._spread: dict[int, float] = {}
         self._events: list[str] = []
         self._judged = -1
+        self._cued = -1
         self._checked = -np.inf
 
     def close(self) -> None:
@@ -139,6 +148,7 @@ class Engine:
 
     # Time goes on
 
+    @one_blas_thread()
     def advance(self, t: float) -> list[str]:
         """It is `t` (s, range clock): follow, take in what a search found, begin the next one.
 
@@ -154,6 +164,10 @@ class Engine:
             self._begin_search()
             self._take_found()
         self._judge_members()
+        slot = self.tracking.slot_of(self.now) if np.isfinite(self.tracking.origin) else self._cued
+        if slot != self._cued:
+            self._cued = slot
+            self._tell_cues()
         events, self._events = self._events, []
         return events
 
@@ -204,8 +218,16 @@ class Engine:
             self._give_up()
             return
         self._contradictions.add(tracking.take_innovations(self._spread), self.now)
-        for user in tracking.members:
-            self.standings[user].placed = self._members.placed(user)
+        self._read_members()
+
+    def _read_members(self) -> None:
+        """Where all are who are followed."""
+        members = self._members
+        assert members is not None
+        for user in members.order:
+            self.standings[user].placed = members.placed(user)
+        if self.reference in members.order:
+            self._begun = self.standings[self.reference].placed
 
     def _give_up(self) -> None:
         """Follow nobody any more: what the graph knew is lost."""
@@ -370,7 +392,7 @@ class Engine:
             if u in sought:
                 self._judge_found(u, found, common)
                 own = found.users[u]
-                vague = own.verdict.state is State.AMBIGUOUS or not own.single
+                vague = own.verdict.state is State.AMBIGUOUS or not own.single or own.progress < _FOLLOWED_AT
                 if not vague and u not in self.tracking.members and (joined := self._joining(u, found, common)):
                     joining[u] = joined
             elif u in self.tracking.members:
@@ -385,8 +407,15 @@ class Engine:
         gauge, own = found.gauge, found.users[found.gauge]
         members = self.tracking.members
         if not members:
-            self.shift = float(np.exp(own.calibration[0])) * found.anchor
-            return np.append(self.shift, 0.0)
+            scale = float(np.exp(own.calibration[0]))
+            if self._begun is None:
+                self.shift = scale * found.anchor
+                return np.append(self.shift, 0.0)
+            # The common frame stays where it was: where the reference was followed to be last, SLAM followed since.
+            height = float(self._begun.state[3]) - scale * float(self._begun.place[2])
+            place = self._at(self._begun, found.anchor)
+            self.shift = np.array([place[0], place[1], height])
+            return np.append(self.shift, float(self._begun.state[2]))
         if gauge not in members:
             return None
         slots = [n for n in found.poses[gauge].slots if self.tracking.has(gauge, n)]
@@ -482,13 +511,18 @@ class Engine:
         """A user who is followed was looked for anew: whether it may be somewhere else."""
         own = found.users[user]
         placed = self._placed(user, own, found, common)
-        if own.verdict.state is State.AMBIGUOUS or (
-            own.verdict.state is State.REGISTERED and self._elsewhere(user, placed)
-        ):
+        if not self._elsewhere(user, placed) or own.verdict.state is State.UNOBSERVABLE:
+            return
+        if self._gain_elsewhere(user, found) > self.parameters.integrity.cost_excluded_nlos:
             self._unfollow(user)
-            reason = "another placement explains its ranges as well"
+            reason = "another placement explains its ranges better"
             self.standings[user].begin_again(self.now, State.AMBIGUOUS, reason)
             self._tell(user)
+
+    def _gain_elsewhere(self, user: int, found: Found) -> float:
+        """Log likelihood that a user's latest ranges gain where a search has it, beside where it is followed to be."""
+        followed = self.tracking.costs_of(user, found.ranges.serial, -found.ranges.residual)
+        return float((followed[0] - followed[1]).sum())
 
     def _joining(self, user: int, found: Found, common: Array) -> JoiningUser | None:
         """A user's slots, as a search found it, in the graph's frame."""
@@ -526,8 +560,7 @@ class Engine:
             self._give_up()
             return
         tracking.take_innovations({})
-        for user in tracking.members:
-            self.standings[user].placed = self._members.placed(user)
+        self._read_members()
 
     def _alternatives_of(self, found: Found, common: Array) -> None:
         """The joint placements of a search, where there is more than one."""
@@ -551,8 +584,9 @@ class Engine:
         gauge = self.gauge
         contradicted = self._contradictions.found(self.now, gauge)
         if contradicted is not None:
-            user, reason = contradicted
-            self._contradict(user, reason)
+            users, reason = contradicted
+            for user in users:
+                self._contradict(user, reason)
             return
         slot = tracking.slot_of(self.now)
         if slot == self._judged:
@@ -580,6 +614,39 @@ class Engine:
                 standing.state, standing.reason = state, reason
                 self._tell(user)
             standing.reason = reason
+
+    def _tell_cues(self) -> None:
+        """Once a slot: which way those should walk whose places are not known well enough."""
+        rows = self.log.rows
+        i, j = self.log.users(rows[rows[:, 0] > self.now - self.parameters.incremental.recent])
+        for user, standing in enumerate(self.standings):
+            before, standing.cue = standing.cue, None
+            stream, placed = self.streams[user], standing.placed
+            if stream is None or placed is None or self.state(user) is not State.UNOBSERVABLE or user == self.gauge:
+                continue
+            partners = np.unique(np.concatenate([j[i == user], i[j == user]])).tolist()
+            places = [(self.users[u].name, at) for u in partners if (at := self._now(u)) is not None]
+            recent = stream.tail(stream.newest - _RECENT_WALK)
+            if not len(recent.t) or not places:
+                continue
+            here, began = self._at(placed, recent.position[-1]), self._at(placed, recent.position[0])
+            velocity = (here - began)[:2] / max(float(np.ptp(recent.t)), 0.1)
+            frames, covariances = np.zeros((len(self.users), 4)), np.zeros((len(self.users), 4, 4))
+            frames[user] = [*placed.state[:2], placed.state[3], placed.state[2]]
+            covariances[user] = placed.covariance[:4, :4]
+            since = stream.newest - (self.now - self._window_begin())
+            walk = np.exp(placed.state[4]) * (extent_points_of(stream.tail(since).position) - placed.place)
+            best = Hypothesis(0.0, frames, covariances, [GaussianComponent(1.0, frames, covariances)])
+            names, others = [name for name, _ in places], np.array([at for _, at in places])
+            standing.cue = cue_of(best, user, here, others, velocity, walk, names, before, self.parameters)
+
+    def _now(self, user: int) -> Array | None:
+        """(3,) m: where a user's device is now; None where that is not known."""
+        stream, placed = self.streams[user], self.standings[user].placed
+        last = None if stream is None else stream.last()
+        if placed is None:
+            return last.position[0] if last is not None and user == self.reference else None
+        return self._at(placed, placed.place if last is None else last.position[0])
 
     def _contradict(self, user: int, reason: str) -> None:
         """A user's latest ranges contradict it: it is looked for in what comes from now on."""

@@ -27,12 +27,14 @@ from synchronizar.graph.states import SCALE, States, corrected
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.quaternions import IDENTITY
+from synchronizar.threads import one_blas_thread
 
 FEWEST_RANGES = 20  # fewer tell nothing worth a search
 _PARTING = 0.25  # of the largest error: optima that are further apart at some extent point may part
 _MOST_CANDIDATES = 4
 
 
+@one_blas_thread()
 def search(snapshot: Snapshot) -> Found | None:
     """What the ranges of a stretch tell of the users in it; None where there are too few."""
     problem = Problem.of(snapshot.recording, snapshot.gauge, snapshot.parameters)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -34,7 +33,7 @@ class Searcher:
             return
         if self._pool is None:
             # Not forked: the caller may have threads, and locks that they hold.
-            self._pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_be_ready)
+            self._pool = ProcessPoolExecutor(1, get_context("spawn"))
         self._running = self._pool.submit(search, snapshot)
 
     def poll(self) -> tuple[bool, Found | None]:
@@ -54,13 +53,3 @@ class Searcher:
         if self._pool is not None:
             self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool, self._running = None, None
-
-
-def _be_ready() -> None:
-    """Begin gently: the process that people wait for comes first."""
-    hold_blas()
-
-
-def hold_blas() -> Callable[[], None] | None:
-    """To be replaced by the package's own."""
-    return None

@@ -17,6 +17,7 @@ from synchronizar.estimation.incremental.slot_ranges import (
     LINK,
     NLOS_ODDS,
     ODDS,
+    SERIAL,
     SIGMA,
     SLOT,
     USER_I,
@@ -48,7 +49,9 @@ _REACH = 0.1  # s before and after a range between which the antenna's velocity 
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew
 _CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
+_MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
+_SOMEWHERE = 10.0  # m, 1 sigma of the prior of who joins; a search has it to within a metre
 _FEWEST_RANGES = 20  # of a user, for a share of them
 _MOST_ANTENNAS = 1024  # of a user, in the number of a link
 
@@ -211,9 +214,12 @@ class Tracking:
         """
         latest = self.slot_of(now)
         for user, tracked in list(self.members.items()):
-            if user not in doubted:
-                for slot in range(tracked.slot + 1, latest + 1):
-                    self._open(user, slot)
+            if user in doubted:
+                continue
+            stream = self.streams[user]
+            seen = latest if stream is None else self.slot_of(stream.newest - float(self.assumed_clock[user]))
+            for slot in range(max(tracked.slot + 1, latest - _MOST_OPENED), min(latest, seen) + 1):
+                self._open(user, slot)
         for slot in self._take(now, doubted):
             self._put(slot)
         if settle:
@@ -365,6 +371,19 @@ class Tracking:
         _, robust, inlier = mixture_terms(residuals / sigma, sigma, odds, self._loss)
         return inlier, -residuals, robust * rows[:, WEIGHT] / sigma**2
 
+    def costs_of(self, user: int, serial: Indices, residuals: Array) -> tuple[Array, Array]:
+        """Costs of a user's ranges that are among `serial` (n,): as it is followed, and at `residuals` (n,) m."""
+        rows = self.ranges.rows
+        rows = rows[(rows[:, USER_I] == user) | (rows[:, USER_J] == user)]
+        _, here, there = np.intersect1d(rows[:, SERIAL].astype(int), serial, return_indices=True)
+        rows = rows[here]
+        sigma, odds = rows[:, SIGMA].copy(), rows[:, ODDS].copy()
+        costs = [
+            rows[:, WEIGHT] * mixture_terms(off / sigma, sigma, odds, self._loss)[0]
+            for off in (self.residuals(rows), residuals[there])
+        ]
+        return costs[0], costs[1]
+
     def has(self, user: int, slot: int) -> bool:
         """Whether a user has a slot in the window."""
         return (user, slot) in self._stamps
@@ -482,8 +501,7 @@ class Tracking:
         if kind == "height":
             tight = gtsam.noiseModel.Isotropic.Sigma(1, 1e-3)
             return gtsam.PriorFactorDouble(keys.slot_height(user, slot), height, tight)
-        priors = self.parameters.priors
-        wide = [priors.place_sigma, priors.place_sigma, priors.yaw_sigma]
+        wide = [_SOMEWHERE, _SOMEWHERE, self.parameters.priors.yaw_sigma]
         noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-3, 1e-3, 1e-3] if exactly else wide))
         return gtsam.PriorFactorPose2(keys.slot_pose(user, slot), gtsam.Pose2(x, y, yaw), noise)
 

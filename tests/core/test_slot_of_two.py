@@ -8,14 +8,12 @@ from support import reference_kernel as reference
 from support.reference_kernel import Numbers
 
 from synchronizar._core import (
-    CalibratedRangeBlock,
-    Calibration,
     Cauchy,
     GemanMcClure,
     Huber,
     NlosMixture,
+    RangeSlot,
     Squared,
-    UserPose,
     mixture_terms,
 )
 from synchronizar.arrays import Array
@@ -37,13 +35,13 @@ offsets = pytest.mark.parametrize("offset", [0.0, 0.6, -0.6])
 # F (x, y, yaw), H, X (x, y, yaw), Z; log scale, bias (m), clock offset (s).
 PLACE_I = np.array([1.0, -2.0, 0.4, 0.3, 0.5, 1.5, -1.2, 0.1, 0.2, 0.12, -0.15])
 PLACE_J = np.array([4.0, 3.0, -2.5, -0.2, -1.0, 0.25, 0.8, 0.05, -0.3, -0.05, 0.2])
-HEIGHTS = [3, 7, 14, 18]  # of both frames and both keyframes
+HEIGHTS = [3, 7, 8, 14, 18, 19]  # of both frames and both keyframes; and the log scales, which lift keyframes
 
 Antennas = tuple[Array, Array, Array]
 
 
 class Measured(NamedTuple):
-    """What a CalibratedRangeBlock is made of."""
+    """What a slot of two users is made of."""
 
     i: Antennas
     j: Antennas
@@ -52,8 +50,9 @@ class Measured(NamedTuple):
     nlos_odds: Array
     range_weight: Array
 
-    def block(self) -> CalibratedRangeBlock:
-        return CalibratedRangeBlock(*self)
+    def slot(self) -> RangeSlot:
+        first = np.zeros(len(self.distance), dtype=np.int32)
+        return RangeSlot(2, first, first + 1, *self)
 
 
 @pytest.fixture(scope="module", params=sorted(LOSSES))
@@ -108,34 +107,42 @@ def measured(n: int, offset: float = 0.0, seed: int = 1) -> Measured:
     return ranges._replace(distance=distance)
 
 
-def ends(i: Array = PLACE_I, j: Array = PLACE_J) -> tuple[UserPose, Calibration, UserPose, Calibration]:
-    return UserPose(*i[:8]), Calibration(*i[8:]), UserPose(*j[:8]), Calibration(*j[8:])
+def up_of_places() -> list[float]:
+    """The derivatives of the keyframes' height difference by HEIGHTS."""
+    s_i, s_j = float(np.exp(PLACE_I[8])), float(np.exp(PLACE_J[8]))
+    return [1.0, s_i, s_i * PLACE_I[7], -1.0, -s_j, -s_j * PLACE_J[7]]
+
+
+def ends(i: Array = PLACE_I, j: Array = PLACE_J) -> tuple[Array, Array]:
+    """Both poses (2, 8) and calibrations (2, 3)."""
+    return np.array([i[:8], j[:8]]), np.array([i[8:], j[8:]])
 
 
 def square_root(ranges: Measured, loss: Loss, annealing: float = 1.0) -> tuple[Array, Array]:
-    """A (10, 22) and b (10,)."""
-    root = ranges.block().square_root(*ends(), loss, annealing)
-    assert root.shape == (10, 23)
+    """A (r, 22) and b (r,)."""
+    root = ranges.slot().square_root(*ends(), loss, annealing)
+    assert root.shape[1] == 23
+    assert len(root) <= 15
     return root[:, :-1], root[:, -1]
 
 
 def test_residuals_are_predicted_minus_measured_one_by_one() -> None:
     ranges = measured(50)
     expected = predicted(PLACE_I, PLACE_J, ranges) - ranges.distance
-    np.testing.assert_allclose(ranges.block().residuals(*ends()), expected, atol=1e-12)
-    assert len(ranges.block()) == 50
+    np.testing.assert_allclose(ranges.slot().residuals(*ends()), expected, atol=1e-12)
+    assert len(ranges.slot()) == 50
 
 
 @annealings
 def test_the_cost_takes_each_loss_as_often_as_it_is_worth(loss: Loss, annealing: float) -> None:
     ranges = measured(60)
     _, (rho, _, _) = losses(ranges, loss, annealing)
-    assert ranges.block().cost(*ends(), loss, annealing) == pytest.approx(ranges.range_weight @ rho, rel=1e-12)
+    assert ranges.slot().cost(*ends(), loss, annealing) == pytest.approx(ranges.range_weight @ rho, rel=1e-12)
 
 
 @annealings
 @offsets
-def test_the_ten_rows_hold_the_gradient_of_the_cost_exactly(loss: Loss, annealing: float, offset: float) -> None:
+def test_the_rows_hold_the_gradient_of_the_cost_exactly(loss: Loss, annealing: float, offset: float) -> None:
     ranges = measured(60, offset)
     e, (_, weight, _) = losses(ranges, loss, annealing)
     A, b = square_root(ranges, loss, annealing)
@@ -145,7 +152,7 @@ def test_the_ten_rows_hold_the_gradient_of_the_cost_exactly(loss: Loss, annealin
 
 @annealings
 @offsets
-def test_the_ten_rows_hold_the_documented_information(loss: Loss, annealing: float, offset: float) -> None:
+def test_the_rows_hold_the_documented_information(loss: Loss, annealing: float, offset: float) -> None:
     ranges = measured(60, offset)
     e, (_, weight, curvature) = losses(ranges, loss, annealing)
     J = rows(ranges)
@@ -154,17 +161,17 @@ def test_the_ten_rows_hold_the_documented_information(loss: Loss, annealing: flo
     length = np.linalg.norm(between, axis=1)
     height_curvature = ranges.range_weight * weight * e / ranges.sigma * (1.0 - (between[:, 2] / length) ** 2) / length
     up = np.zeros(22)
-    up[HEIGHTS] = 1.0, np.exp(PLACE_I[8]), -1.0, -np.exp(PLACE_J[8])
+    up[HEIGHTS] = up_of_places()
     expected = J.T @ (kept[:, None] * J) + max(height_curvature.sum(), 0.0) * np.outer(up, up)
     A, _ = square_root(ranges, loss, annealing)
     np.testing.assert_allclose(A.T @ A, expected, atol=1e-8 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("height_curvature", [0.0, 7.0])
-def test_bending_that_is_handed_in_stands_for_the_blocks_own(height_curvature: float) -> None:
-    block, up = measured(60, 0.6).block(), np.zeros(22)
-    up[HEIGHTS] = 1.0, np.exp(PLACE_I[8]), -1.0, -np.exp(PLACE_J[8])
-    given, none = (block.square_root(*ends(), LATE, height_curvature=b) for b in (height_curvature, -1.0))
+def test_bending_that_is_handed_in_stands_for_the_pairs_own(height_curvature: float) -> None:
+    slot, up = measured(60, 0.6).slot(), np.zeros(22)
+    up[HEIGHTS] = up_of_places()
+    given, none = (slot.square_root(*ends(), LATE, height_curvature=np.array([b])) for b in (height_curvature, -1.0))
     expected = none[:, :-1].T @ none[:, :-1] + height_curvature * np.outer(up, up)
     np.testing.assert_allclose(given[:, :-1].T @ given[:, :-1], expected, atol=1e-8 * np.abs(expected).max())
     np.testing.assert_allclose(given[:, :-1].T @ given[:, -1], none[:, :-1].T @ none[:, -1], atol=1e-6)
@@ -175,15 +182,15 @@ def test_any_number_of_ranges_is_squeezed_alike(n: int) -> None:
     ranges = measured(n)._replace(distance=measured(n).distance + 5.0)  # far too long: no height is bent
     e = (predicted(PLACE_I, PLACE_J, ranges) - ranges.distance) / ranges.sigma
     whitened = np.sqrt(ranges.range_weight)[:, None] * np.column_stack([rows(ranges) / ranges.sigma[:, None], e])
-    found = ranges.block().square_root(*ends(), Squared())
+    found = ranges.slot().square_root(*ends(), Squared())
     expected = whitened.T @ whitened
     np.testing.assert_allclose(found.T @ found, expected, atol=1e-12 * np.abs(expected).max())
 
 
 def test_who_is_called_i_does_not_matter(loss: Loss) -> None:
     ranges = measured(60)
-    swapped = ranges._replace(i=ranges.j, j=ranges.i).block()
-    assert swapped.cost(*ends(PLACE_J, PLACE_I), loss) == pytest.approx(ranges.block().cost(*ends(), loss), rel=1e-12)
+    swapped = ranges._replace(i=ranges.j, j=ranges.i).slot()
+    assert swapped.cost(*ends(PLACE_J, PLACE_I), loss) == pytest.approx(ranges.slot().cost(*ends(), loss), rel=1e-12)
     A, b = square_root(ranges, loss)
     root = swapped.square_root(*ends(PLACE_J, PLACE_I), loss)
     A_swapped, b_swapped = np.roll(root[:, :-1], 11, axis=1), root[:, -1]
@@ -191,20 +198,13 @@ def test_who_is_called_i_does_not_matter(loss: Loss) -> None:
     np.testing.assert_allclose(A_swapped.T @ b_swapped, A.T @ b, atol=1e-10 * np.abs(A.T @ A).max())
 
 
-def test_a_block_keeps_its_own_copy_of_the_ranges() -> None:
+def test_a_slot_keeps_its_own_copy_of_the_ranges() -> None:
     ranges = measured(5)
-    block = ranges.block()
-    before = block.residuals(*ends())
+    slot = ranges.slot()
+    before = slot.residuals(*ends())
     for column in (*ranges.i, *ranges.j, *ranges[2:]):
         column += 1.0
-    np.testing.assert_array_equal(block.residuals(*ends()), before)
-
-
-def test_a_device_is_perfect_unless_told_otherwise() -> None:
-    ranges = measured(5)
-    perfect = [UserPose(*PLACE_I[:8]), Calibration(), UserPose(*PLACE_J[:8]), Calibration()]
-    i, j = (np.concatenate([place[:8], np.zeros(3)]) for place in (PLACE_I, PLACE_J))
-    np.testing.assert_array_equal(ranges.block().residuals(*perfect), ranges.block().residuals(*ends(i, j)))
+    np.testing.assert_array_equal(slot.residuals(*ends()), before)
 
 
 GOOD = measured(3)
@@ -233,24 +233,24 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("fault", BROKEN)
-def test_a_block_refuses(fault: str) -> None:
+def test_a_slot_refuses(fault: str) -> None:
     ranges, message = BROKEN[fault]
     with pytest.raises(ValueError, match=message):
-        ranges.block()
+        ranges.slot()
 
 
 @pytest.mark.parametrize("antenna", [np.zeros((3, 2)), np.zeros(3)])
 def test_antennas_have_three_coordinates(antenna: Array) -> None:
     with pytest.raises(TypeError):
-        GOOD._replace(i=(antenna, antenna, antenna)).block()
+        GOOD._replace(i=(antenna, antenna, antenna)).slot()
 
 
 @pytest.mark.parametrize("annealing", [0.5, np.nan, np.inf])
 def test_a_loss_is_never_narrower_than_it_is(annealing: float) -> None:
     with pytest.raises(ValueError, match="annealing"):
-        GOOD.block().cost(*ends(), Squared(), annealing)
+        GOOD.slot().cost(*ends(), Squared(), annealing)
     with pytest.raises(ValueError, match="annealing"):
-        GOOD.block().square_root(*ends(), Squared(), annealing)
+        GOOD.slot().square_root(*ends(), Squared(), annealing)
 
 
 def test_ranges_are_judged_one_by_one() -> None:
