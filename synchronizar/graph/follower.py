@@ -150,7 +150,10 @@ class Follower:
             for key in _keys(users, slot):
                 order.insert2(key, group)
         params.constrainedKeys, params.extraReelimKeys, params.noRelinKeys = order, again, _key_list(self._fixed)
-        result = self._tree.update(graph, self._inserted, params)
+        try:
+            result = self._tree.update(graph, self._inserted, params)
+        except IndexError as error:  # gtsam looks for the variable's factors
+            raise RuntimeError("a variable is seen by no factor") from error
         for name, index in zip(names, result.getNewFactorsIndices(), strict=True):
             self._factors[name] = self._factors[name]._replace(position=index)
         self._new, self._dropped, self._inserted, self._touched = {}, [], gtsam.Values(), None
