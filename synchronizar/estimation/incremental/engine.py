@@ -791,7 +791,7 @@ class Engine:
 
 _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found", "_range_weight"),
-    *("_told", "_extents", "_spread", "_events", "_judged", "_checked"),
+    *("_told", "_extents", "_spread", "_events", "_judged", "_checked", "_begun", "_cued"),
 )
 
 
