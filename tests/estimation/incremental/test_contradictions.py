@@ -26,7 +26,9 @@ def told(rows: list[tuple[float, int, int, float]], gauge: int = 0) -> tuple[lis
     return contradictions.found(NOW, gauge)
 
 
-def between(pairs: dict[tuple[int, int], float], each: int = 8, seconds: float = 0.9) -> list[tuple[float, int, int, float]]:
+def between(
+    pairs: dict[tuple[int, int], float], each: int = 8, seconds: float = 0.9
+) -> list[tuple[float, int, int, float]]:
     """So many ranges of each pair in the last so many seconds, all off by the same."""
     return [(NOW - seconds * n / each, i, j, off) for n in range(each) for (i, j), off in pairs.items()]
 
@@ -58,9 +60,7 @@ def test_a_gauge_that_fits_nobody_while_the_others_fit_one_another_is_wrong_itse
 
 
 def test_a_group_that_moved_together_is_blamed_together() -> None:
-    found = told(
-        between({(0, 1): FITS, (2, 3): FITS, (0, 2): SHORT, (0, 3): SHORT, (1, 2): SHORT, (1, 3): SHORT})
-    )
+    found = told(between({(0, 1): FITS, (2, 3): FITS, (0, 2): SHORT, (0, 3): SHORT, (1, 2): SHORT, (1, 3): SHORT}))
     assert found is not None
     assert sorted(found[0]) == [2, 3]
 
@@ -94,7 +94,6 @@ def test_what_is_long_past_or_forgotten_tells_nothing() -> None:
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10**6), users=st.integers(2, 6), each=st.integers(1, 12))
 def test_noise_of_the_size_that_is_expected_alarms_nobody(seed: int, users: int, each: int) -> None:
-    """One range in twenty too short by chance, and no more."""
     random = np.random.default_rng(seed)
     pairs = [(i, j) for i in range(users) for j in range(i + 1, users)]
     rows = [(NOW - random.uniform(0.0, 10.0), i, j, random.normal()) for i, j in pairs for _ in range(each)]
@@ -102,10 +101,12 @@ def test_noise_of_the_size_that_is_expected_alarms_nobody(seed: int, users: int,
 
 
 def test_how_often_chance_alarms_is_what_a_binomial_says() -> None:
-    """Two who range 20 times a second, of which the tolerated share is too short: three sigmas, so 1 in 250 or fewer."""
+    """Two who range 20 times a second, of which the tolerated share is too short: three sigmas."""
     m, random = PARAMETERS.integrity, np.random.default_rng(0)
     count, runs = 20, 4000
-    limit = m.innovation_short_share + 3.0 * np.sqrt(m.innovation_short_share * (1.0 - m.innovation_short_share) / count)
+    limit = m.innovation_short_share + 3.0 * np.sqrt(
+        m.innovation_short_share * (1.0 - m.innovation_short_share) / count
+    )
     alarms = 0
     for _ in range(runs):
         short = random.uniform(size=count) < m.innovation_short_share
