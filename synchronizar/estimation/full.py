@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
@@ -104,10 +105,19 @@ def _moved(track: Track, optimum: Array, mean: Array) -> Track:
     return replace(track, position=position, quat_xyzw=multiply_quaternions(yaw_quaternion(turn), track.quat_xyzw))
 
 
-def solve(problem: Problem, repaired_tracks: dict[str, RepairedTrack], progress: Progress = unheard) -> Solved:
-    """The local optima of a problem, solved without a start; the recording's tracks are `repaired_tracks`."""
+def solve(
+    problem: Problem,
+    repaired_tracks: dict[str, RepairedTrack],
+    progress: Progress = unheard,
+    begun: Sequence[tuple[Array, Array]] = (),
+) -> Solved:
+    """The local optima of a problem, solved without a start; the recording's tracks are `repaired_tracks`.
+
+    `begun` are joint placements that were found before, to begin with besides: frames (k, 4) about the users' own
+    origins, and calibrations (k, 3).
+    """
     coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem))
-    found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.7))
+    found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.7), begun)
     searched = perf_counter()
     minima, noise = _refined(problem, repaired_tracks, found)
     progress(0.9)

@@ -86,9 +86,9 @@ def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], an
         optimum = graph.run_em(states, em_weights, rounds, known=known, hopeless=hopeless)
     else:
         optimum = graph.run_em(states, em_weights, _FIRST_ROUNDS)
-        if optimum.cost > hopeless:
+        if optimum.cost > hopeless or known(optimum.states):
             return
-        optimum = optimum.graph.run_em(optimum.states, optimum.em_weights, _ROUNDS)
+        optimum = optimum.graph.run_em(optimum.states, optimum.em_weights, _ROUNDS, known=known)
     if not known(optimum.states):
         found.append(optimum)
 

@@ -5,15 +5,17 @@ The search takes SLAM for rigid, which holds for minutes, not for hours.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from synchronizar.arrays import Array, Mask
 from synchronizar.estimation.initialisation import Candidate, extend, joint_placements
 from synchronizar.estimation.local_optima import approach, by_cost, find_optima
-from synchronizar.geometry import apply_frames, relative_to
+from synchronizar.geometry import apply_frames, difference, relative_to
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
-from synchronizar.graph.states import States
+from synchronizar.graph.states import SCALE, States
 from synchronizar.preprocessing.centering import centered, centroids
 from synchronizar.preprocessing.keyframes import Keyframes
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
@@ -22,6 +24,7 @@ from synchronizar.progress import Progress, stage, unheard
 _KEYFRAMES = 20  # per first segment, while candidates are compared
 _ANNEALING = 3.0  # after a segment grew: SLAM has drifted in the part that was added
 _MOST_GROWN = 2  # optima of the first segment that are optimised on the whole recording
+_ABOUT_M, _ABOUT_RAD = 0.3, 0.15  # starts that are nearer to one another lead to the same optimum
 _WHOLE = 2.0  # first segments: a recording that is no longer is searched as a whole
 
 
@@ -32,8 +35,17 @@ def coarse_interval(problem: Problem) -> float:
     return max(parameters.slam.keyframe_interval, length / _KEYFRAMES)
 
 
-def search_and_grow(problem: Problem, keyframes: list[Keyframes], progress: Progress = unheard) -> list[LocalOptimum]:
-    """Local optima of the whole recording, best first: found in one segment, which doubles until it holds all."""
+def search_and_grow(
+    problem: Problem,
+    keyframes: list[Keyframes],
+    progress: Progress = unheard,
+    begun: Sequence[tuple[Array, Array]] = (),
+) -> list[LocalOptimum]:
+    """Local optima of the whole recording, best first: found in one segment, which doubles until it holds all.
+
+    `begun` are frames (k, 4) about the users' own origins and calibrations (k, 3) that were found before: the search
+    begins with them, and leaves out what it finds about there.
+    """
     parameters = problem.parameters
     begin, end = _first_segment(problem)
     found: list[LocalOptimum] = []
@@ -45,7 +57,9 @@ def search_and_grow(problem: Problem, keyframes: list[Keyframes], progress: Prog
         graph, whole = PoseGraph(part, keyframes), part.active_users == problem.active_users and inside.all()
         if not found:
             first = stage(progress, 0.0, 1.0 if whole else 0.3)
-            found = find_optima(graph, starts_of(graph, parameters.search.sigma), first)
+            known_starts = [_begun(graph, frames, calibration) for frames, calibration in begun]
+            others_found = [s for s in starts_of(graph, parameters.search.sigma) if not _about(graph, s, known_starts)]
+            found = find_optima(graph, [*known_starts, *others_found], first)
             excluded = found[0].cost + parameters.integrity.cost_excluded_nlos
             others = [s.states.anchor_poses for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
@@ -77,6 +91,25 @@ def _first_segment(problem: Problem) -> tuple[float, float]:
 
 def _within(measurements: RangeMeasurements, begin: float, end: float) -> Mask:
     return np.asarray((measurements.t >= begin) & (measurements.t <= end))
+
+
+def _begun(graph: PoseGraph, frames: Array, calibration: Array) -> States:
+    """SLAM's own poses with anchors where frames (k, 4) about the users' own origins put them."""
+    scale = np.exp(calibration[:, SCALE])[:, None]
+    turn = np.column_stack([np.zeros((len(frames), 3)), frames[:, 3]])
+    anchors = frames.copy()
+    anchors[:, :3] += apply_frames(turn, scale * np.array([k.anchor for k in graph.keyframes]))
+    return graph.initial_states(relative_to(anchors, graph.reference), calibration)
+
+
+def _about(graph: PoseGraph, states: States, others: list[States]) -> bool:
+    """Whether states have everybody about where some others have them: both lead to the same optimum."""
+    here = states.anchor_poses[graph.active_users]
+    for other in others:
+        off = difference(here, other.anchor_poses[graph.active_users])
+        if (np.linalg.norm(off[:, :3], axis=1) < _ABOUT_M).all() and (np.abs(off[:, 3]) < _ABOUT_RAD).all():
+            return True
+    return False
 
 
 def starts_of(graph: PoseGraph, slam_sigma: float = 0.0) -> list[States]:

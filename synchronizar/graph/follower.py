@@ -257,9 +257,13 @@ class Follower:
 
     def state(self, user: int, slot: int) -> SlotState:
         """A user's at a slot."""
-        pose = self._tree.calculateEstimatePose2(keys.slot_pose(user, slot))
-        height = self._tree.calculateEstimateDouble(keys.slot_height(user, slot))
-        calibration = self._tree.calculateEstimateVector(keys.slot_calibration(user, slot))
+        pose_key, height_key, calibration_key = _keys([user], slot)
+        if self._inserted.exists(pose_key):  # where it begins
+            pose, height = self._inserted.atPose2(pose_key), self._inserted.atDouble(height_key)
+            calibration = self._inserted.atVector(calibration_key)
+        else:
+            pose, height = self._tree.calculateEstimatePose2(pose_key), self._tree.calculateEstimateDouble(height_key)
+            calibration = self._tree.calculateEstimateVector(calibration_key)
         return SlotState((pose.x(), pose.y(), pose.theta()), height, calibration * CALIBRATION_UNITS)
 
     def covariance(self, at: Iterable[tuple[int, int]]) -> Array:

@@ -31,7 +31,6 @@ from synchronizar.estimation.incremental.snapshot import Candidate, Found, Found
 from synchronizar.estimation.incremental.standing import Placed, Standing
 from synchronizar.estimation.incremental.tracking import JoiningUser, Tracking
 from synchronizar.geometry import apply_frames, wrap_angle
-from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.extent import extent_points_of
 from synchronizar.preprocessing.pose_stream import PoseStream, SetAside, Tail
@@ -74,7 +73,6 @@ class Engine:
         """Where the reference was followed to be last; None before anybody was followed."""
         self._candidates: tuple[Candidate, ...] = ()
         self._found: Found | None = None
-        self._range_weight: float | None = None
         self._clock: StampGuard[None] = StampGuard(self.parameters)
         self._guard: StampGuard[_Range] = StampGuard(self.parameters)
         self._told = 0  # ranges
@@ -336,7 +334,6 @@ class Engine:
         rows = rows[np.lexsort([rows[:, -1], rows[:, 0]])]
         a, b = self.log.users(rows)
         rows = rows[rows[:, 0] > np.maximum(begin, np.maximum(first[a], first[b]))]
-        prior = None if checking else self._prior(gauge, sought, poses)
         return Snapshot(
             self.now,
             Recording(self.users, tracks, self.log.ranges(rows)),
@@ -344,33 +341,22 @@ class Engine:
             segments,
             gauge,
             tuple(sought),
-            prior,
-            self.tracking.noise,
-            self._range_weight,
             self._candidates,
+            {} if checking else self._known(sought),
             poses,
             tuple(u for u, s in enumerate(self.standings) if s.is_registered),
             self.parameters,
         )
 
-    def _prior(self, gauge: int, sought: list[int], poses: dict[int, SlotPoses]) -> MarginalPrior | None:
-        """What is known of those who are followed and not sought, at their first slots.
-
-        With the covariance of now: how vague frames are beside one another hardly changes within a window.
-        """
-        tracking, members = self.tracking, self._members
-        known = [u for u in sorted(tracking.members) if u not in sought and u in poses]
-        if members is None or gauge not in known or len(known) < 2:
-            return None
-        frames, calibration = np.full((len(self.users), 4), np.nan), np.zeros((len(self.users), 3))
-        for u in known:
-            slot = next(slot for slot, users in tracking.follower.slots.items() if u in users)
-            _, place = tracking.stamp_at(u, slot)
-            x, y, yaw, height = tracking.state_at(u, slot)[:4].tolist()
-            calibration[u] = tracking.members[u].state[4:]
-            calibration[u, 2] += tracking.assumed_clock[u]
-            frames[u] = x, y, height - float(np.exp(calibration[u, 0])) * float(place[2]), yaw
-        return members.marginal_prior(known, gauge, frames, calibration)
+    def _known(self, sought: list[int]) -> dict[int, Array]:
+        """(4,) x, y, z, yaw of who is followed and not sought: a frame from its repaired SLAM's, lengths in m."""
+        out = {}
+        for u, tracked in self.tracking.members.items():
+            if u not in sought:
+                x, y, yaw, height, log_scale = tracked.state[:5].tolist()
+                arm = apply_frames(np.array([0.0, 0.0, 0.0, yaw]), np.exp(log_scale) * tracked.place)
+                out[u] = np.append(np.array([x, y, height]) - arm, yaw)
+        return out
 
     def _take_found(self) -> None:
         """Judge what a search found, and follow those who are registered by it."""
@@ -380,7 +366,7 @@ class Engine:
         common = self._common_from_graph(found)
         if common is None:
             return
-        self._candidates, self._range_weight = found.candidates, found.range_weight
+        self._candidates = found.candidates
         self.tracking.noise = found.noise.copy()
         self._found = found
         self.alternatives = []
@@ -790,7 +776,7 @@ class Engine:
 
 
 _KEPT = (
-    *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found", "_range_weight"),
+    *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found"),
     *("_told", "_extents", "_spread", "_events", "_judged", "_checked", "_begun", "_cued"),
 )
 

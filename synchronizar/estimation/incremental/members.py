@@ -13,8 +13,6 @@ from synchronizar.estimation.hypotheses import GaussianComponent, Hypothesis
 from synchronizar.estimation.incremental.standing import Placed
 from synchronizar.estimation.incremental.tracking import Tracking
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
-from synchronizar.geometry import relative_to, rotation_2d
-from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.graph.priors import height_sigma_of
 from synchronizar.graph.states import BIAS, SCALE
 from synchronizar.parameters import Parameters
@@ -125,31 +123,3 @@ class Members:
         variances = self.placed(user).calibration_sigma ** 2
         near = nearness(found, user, users[user].static, extent, parameters)
         return with_calibration(known, variances, parameters), float(min(near, 1.0)), found
-
-    def marginal_prior(self, known: list[int], gauge: int, frames: Array, calibration: Array) -> MarginalPrior:
-        """A Gaussian on members at frames (k, 4) and calibrations (k, 3), as vague beside the gauge as they are now.
-
-        `frames` are x, y (m), height of the origin (m), yaw (rad).
-        """
-        rows = []
-        g = 7 * self._row[gauge]
-        size = 7 * len(self.order)
-        for u in known:
-            if u == gauge:
-                continue
-            n = 7 * self._row[u]
-            offset = frames[u] - frames[gauge]
-            move = np.zeros((4, size))
-            move[:, n : n + 4] = np.eye(4)
-            move[:, g : g + 4] -= np.eye(4)
-            move[0, g + 3] += offset[1]
-            move[1, g + 3] -= offset[0]
-            turn = np.eye(4)
-            turn[:2, :2] = rotation_2d(-float(frames[gauge, 3]))
-            rows.append((turn @ move)[[0, 1, 3, 2]])
-        for u in known:
-            n = 7 * self._row[u] + 4
-            rows.append(np.eye(size)[n : n + 3])
-        root = np.vstack(rows)
-        joint = self._joint.reshape(size, size)
-        return MarginalPrior(known, gauge, relative_to(frames, gauge), calibration, root @ joint @ root.T)

@@ -6,7 +6,7 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
-from synchronizar.estimation.full import keyframes_of_all, solve
+from synchronizar.estimation.full import solve
 from synchronizar.estimation.hypotheses import Hypothesis, places
 from synchronizar.estimation.incremental.snapshot import (
     Candidate,
@@ -15,15 +15,10 @@ from synchronizar.estimation.incremental.snapshot import (
     FoundUser,
     Snapshot,
 )
-from synchronizar.estimation.initialisation import Candidate as Placement
-from synchronizar.estimation.initialisation import extend
-from synchronizar.estimation.local_optima import compare, find_optima
-from synchronizar.estimation.segments import coarse_interval, ties
-from synchronizar.geometry import apply_frames, wrap_angle
-from synchronizar.graph.marginal_prior import MarginalPrior
-from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
+from synchronizar.geometry import apply_frames, difference, relative_to, wrap_angle
+from synchronizar.graph.pose_graph import LocalOptimum
 from synchronizar.graph.problem import Problem
-from synchronizar.graph.states import SCALE, States, corrected
+from synchronizar.graph.states import SCALE, corrected
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.quaternions import IDENTITY
@@ -41,11 +36,8 @@ def search(snapshot: Snapshot) -> Found | None:
     if len(problem.measurements) < FEWEST_RANGES:
         return None
     repaired = {name: _repaired(snapshot, name) for name in snapshot.recording.tracks}
-    prior = _of_active(snapshot.prior, problem.active_users)
-    if prior is None:
-        minima, noise, _ = solve(problem, repaired)
-    else:
-        minima, noise = _beside_known(problem, repaired, prior, snapshot), snapshot.noise
+    minima, noise, _ = solve(problem, repaired, begun=_starts(snapshot, problem.active_users))
+    minima = [optimum for optimum in minima if _agrees(optimum, snapshot)] or minima
     assessed = assess_calibrated(minima, snapshot.registered)
     users = {u: _found(snapshot, assessed, u) for u in problem.active_users}
     best = minima[0]
@@ -59,7 +51,6 @@ def search(snapshot: Snapshot) -> Found | None:
         [(hypothesis.cost, hypothesis.frames) for hypothesis in assessed.hypotheses],
         tuple(_candidate(optimum) for optimum in minima[:_MOST_CANDIDATES]),
         noise,
-        float(best.em_weights.range_weight.mean()),
         FoundRanges(
             snapshot.serial[measurements.row],
             assessed.inlier_probability,
@@ -76,41 +67,29 @@ def _repaired(snapshot: Snapshot, name: str) -> RepairedTrack:
     return RepairedTrack(track, (), segment, np.tile(IDENTITY, (count, 1)), np.ones(count, dtype=bool))
 
 
-def _of_active(prior: MarginalPrior | None, active_users: list[int]) -> MarginalPrior | None:
-    if prior is None:
-        return None
-    prior = prior.without({u for u in prior.users if u not in active_users})
-    return prior if prior.free else None
+def _agrees(optimum: LocalOptimum, snapshot: Snapshot) -> bool:
+    """Whether an optimum has those who are followed where they are followed to be, beside the gauge.
+
+    What told the one mirror image from the other may be longer ago than a window reaches.
+    """
+    graph = optimum.graph
+    known = [u for u in graph.active_users if u in snapshot.known and u != snapshot.gauge]
+    if not known or snapshot.gauge not in snapshot.known:
+        return True
+    scale = np.exp(optimum.states.calibration[:, SCALE])
+    last = np.array([of_user.place[-1] for of_user in graph.keyframes])
+    there = np.full((len(graph.users), 4), np.nan)
+    for u in (*known, snapshot.gauge):
+        there[u] = np.append(apply_frames(snapshot.known[u], scale[u] * last[u]), snapshot.known[u][3])
+    off = difference(relative_to(optimum.frames, snapshot.gauge), relative_to(there, snapshot.gauge))[known]
+    limits = snapshot.parameters.integrity
+    apart = np.linalg.norm(off[:, :2], axis=1)
+    return bool((apart < limits.largest_error).all() and (np.abs(off[:, 3]) < limits.largest_yaw_error).all())
 
 
-def _beside_known(
-    problem: Problem, repaired: dict[str, RepairedTrack], prior: MarginalPrior, snapshot: Snapshot
-) -> list[LocalOptimum]:
-    """Optima with those who are followed about where they are known, the others wherever their ranges allow."""
-    parameters = problem.parameters
-    interval = max(parameters.slam.keyframe_interval, coarse_interval(problem))
-    graph = PoseGraph(problem, keyframes_of_all(problem, repaired, interval, snapshot.noise), prior)
-    begun = graph.initial_states(prior.frames, prior.calibration)
-    found = find_optima(graph, _starts(graph, begun, prior))
-    best = found[0]
-    weighted = best.graph.with_range_weights(best.states, best.em_weights)
-    return compare(found, best.graph.run_em(best.states, weighted, 2))
-
-
-def _starts(graph: PoseGraph, begun: States, prior: MarginalPrior) -> list[States]:
-    """States with those who are new wherever their ranges to all others allow."""
-    frames = np.full_like(begun.anchor_poses, np.nan)
-    frames[prior.users] = begun.anchor_poses[prior.users]
-    somewhere = begun._replace(anchor_poses=np.nan_to_num(begun.anchor_poses))
-    wide = graph.rigid_problem(somewhere).widened(graph.parameters.search.sigma)
-    alive = [Placement(frames, 0.0)]
-    coming = [u for u in graph.active_users if u not in prior.users]
-    while coming:
-        there = np.flatnonzero(~np.isnan(alive[0].frames[:, 0])).tolist()
-        user = max(coming, key=lambda u: ties(wide.measurements, u, there))
-        coming.remove(user)
-        alive = extend(wide, alive, user)
-    return [begun._replace(anchor_poses=h.frames) for h in alive]
+def _starts(snapshot: Snapshot, active_users: list[int]) -> list[tuple[Array, Array]]:
+    """The candidates of the search before that have all active users: frames (k, 4), calibrations (k, 3)."""
+    return [(c.frames, c.calibration) for c in snapshot.candidates if not np.isnan(c.frames[active_users]).any()]
 
 
 def _candidate(optimum: LocalOptimum) -> Candidate:

@@ -11,7 +11,9 @@ T, USER_I, USER_J, DISTANCE, SIGMA, ODDS, LINK, SLOT, NLOS_ODDS, WEIGHT, SERIAL 
 """Columns of what is known of each range: s, users, m, 1 sigma of the model (m), prior odds, antennas, slot; NLOS odds
 given the other ranges, range weight; running index of each range that was ever added."""
 _END = 9  # columns of an end: offset, lever, velocity, (3,) each
-_COLUMNS = SERIAL + 1 + 2 * _END
+END_I, END_J = SERIAL + 1, SERIAL + 1 + _END
+"""Where the columns of both ends begin."""
+_COLUMNS = END_J + _END
 _FIRST_ROWS = 256
 
 

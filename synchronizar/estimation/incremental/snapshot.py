@@ -8,7 +8,6 @@ from typing import NamedTuple
 from synchronizar.arrays import Array, Indices
 from synchronizar.data.recording import Recording
 from synchronizar.estimation.integrity import Verdict
-from synchronizar.graph.marginal_prior import MarginalPrior
 from synchronizar.parameters import Parameters
 
 
@@ -48,14 +47,11 @@ class Snapshot:
     """The user whose frame is the graph's."""
     sought: tuple[int, ...]
     """Users whose places are looked for; the others are followed."""
-    prior: MarginalPrior | None
-    """What is known of those who are followed, at their first poses here; None: all are sought."""
-    noise: Array
-    """(k, 2) factors on each SLAM's drift, as found before."""
-    range_weight: float | None
-    """Of a range, as found before."""
     candidates: tuple[Candidate, ...]
     """Found by the search before this one."""
+    known: dict[int, Array]
+    """(4,) x, y, z (m), yaw (rad) of those who are followed and not sought: some frame from their repaired SLAM's, with
+    lengths in m, at their last poses."""
     poses: dict[int, SlotPoses]
     registered: tuple[int, ...]
     parameters: Parameters
@@ -109,5 +105,5 @@ class Found(NamedTuple):
     """Cost and (k, 4) last poses of each joint hypothesis, best first; one where there is no other."""
     candidates: tuple[Candidate, ...]
     noise: Array
-    range_weight: float | None
+    """(k, 2) factors on each SLAM's drift."""
     ranges: FoundRanges

@@ -14,6 +14,8 @@ from synchronizar.data.user import User
 from synchronizar.estimation.incremental.contradictions import Innovations
 from synchronizar.estimation.incremental.slot_ranges import (
     DISTANCE,
+    END_I,
+    END_J,
     LINK,
     NLOS_ODDS,
     ODDS,
@@ -27,6 +29,7 @@ from synchronizar.estimation.incremental.slot_ranges import (
     T,
     block_of,
 )
+from synchronizar.geometry import apply_frames
 from synchronizar.graph import keys
 from synchronizar.graph.follower import Follower, SlotState
 from synchronizar.graph.pose_graph import calibration_sigmas
@@ -47,7 +50,9 @@ from synchronizar.quaternions import rotate_by_quaternions
 
 _REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
-_JUDGED = 10  # slots whose ranges are judged anew
+_JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
+_BURST_SLOTS = 2  # ... and at each update: what came just before tells most of whether a line of sight is blocked
+_EM_ROUNDS = 3  # when somebody joins
 _CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
 _MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
@@ -220,19 +225,29 @@ class Tracking:
             seen = latest if stream is None else self.slot_of(stream.newest - float(self.assumed_clock[user]))
             for slot in range(max(tracked.slot + 1, latest - _MOST_OPENED), min(latest, seen) + 1):
                 self._open(user, slot)
-        for slot in self._take(now, doubted):
-            self._put(slot)
+        taken = self._take(now, doubted)
         if settle:
+            for slot in taken:
+                self._put(slot)
             self.follower.rebuild()
-            self.judge(all_slots=True)
+            for _ in range(_EM_ROUNDS):
+                self._refresh()
+                self.judge(-1, weigh=True)
+                self.follower.update()
+                self.follower.settle()
+        elif latest > self._judged_at:
+            self._judged_at = latest
+            self._refresh()
+            self.judge(latest - _JUDGED, weigh=True)
+        elif taken:
+            self.judge(latest - _BURST_SLOTS, weigh=False)
+        for slot in taken:
+            self._put(slot)
         self.follower.update()
         for user, tracked in self.members.items():
             state = self._read(user, tracked.slot)
             self._states[user, tracked.slot] = state
             self.members[user] = tracked._replace(state=state)
-        if latest > self._judged_at:
-            self._judged_at = latest
-            self.judge()
 
     def _read(self, user: int, slot: int) -> Array:
         found = self.follower.state(user, slot)
@@ -403,38 +418,40 @@ class Tracking:
 
     def residuals(self, rows: Array) -> Array:
         """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
-        out = np.empty(len(rows))
-        for slot in np.unique(rows[:, SLOT]).astype(int).tolist():
-            which = np.flatnonzero(rows[:, SLOT] == slot)
-            users, block = block_of(rows[which])
-            states = np.array([self._states[u, slot] for u in users])
-            poses = np.zeros((len(users), 8))
-            poses[:, :4] = states[:, :4]
-            out[which] = block.residuals(poses, states[:, 4:])
-        return out
+        ends, bias = [], np.zeros(len(rows))
+        for user, columns in ((USER_I, END_I), (USER_J, END_J)):
+            keys_of, of = np.unique(rows[:, [user, SLOT]].astype(np.int64), axis=0, return_inverse=True)
+            states = np.array([self._states[u, slot] for u, slot in keys_of.tolist()]).reshape(-1, 7)[of.ravel()]
+            offset, lever, velocity = (rows[:, columns + 3 * n : columns + 3 * n + 3] for n in range(3))
+            arm = np.exp(states[:, 4:5]) * offset + lever + states[:, 6:7] * velocity
+            ends.append(apply_frames(states[:, [0, 1, 3, 2]], arm))
+            bias += states[:, 5]
+        return np.asarray(np.linalg.norm(ends[0] - ends[1], axis=1) + bias - rows[:, DISTANCE])
 
-    def judge(self, all_slots: bool = False) -> None:
-        """NLOS odds and weights of the ranges of the latest slots, anew; slots of which these changed are put anew."""
-        self._refresh()
+    def judge(self, first: int, weigh: bool) -> None:
+        """NLOS odds of the ranges from slot `first` on, anew, and their weights where `weigh` says so.
+
+        Slots in which these changed are put anew.
+        """
         rows = self.ranges.rows
-        if not len(rows):
-            return
-        first = -1 if all_slots else int(rows[:, SLOT].max()) - _JUDGED + 1
         which = np.flatnonzero(rows[:, SLOT] >= first)
+        if not len(which):
+            return
         which = which[np.lexsort([rows[which, T], rows[which, USER_J], rows[which, USER_I]])]
         part = rows[which]
-        whitened = self.residuals(part) / part[:, SIGMA]
+        t, sigma, prior, before = (np.ascontiguousarray(part[:, c]) for c in (T, SIGMA, ODDS, NLOS_ODDS))
+        whitened = self.residuals(part) / sigma
         change = np.flatnonzero(np.diff(part[:, USER_I]) + len(self.users) * np.diff(part[:, USER_J]) != 0.0) + 1
         bounds = np.concatenate([[0], change, [len(part)]]).astype(np.int32)
-        columns = (np.ascontiguousarray(part[:, c]) for c in (T, SIGMA, ODDS))
-        t, sigma, prior = columns
         odds, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts_of(self.parameters))
-        weight = self._measured_weights(part, whitened, odds)
-        _, _, inlier = mixture_terms(whitened, sigma, odds, self._loss)
-        _, _, before = mixture_terms(whitened, sigma, np.ascontiguousarray(part[:, NLOS_ODDS]), self._loss)
-        changed = (np.abs(inlier - before) > _CHANGED) | (np.abs(np.log(weight / part[:, WEIGHT])) > 2.0 * _CHANGED)
-        rows[which, NLOS_ODDS], rows[which, WEIGHT] = odds, weight
-        for slot in np.unique(part[changed, SLOT]).astype(int).tolist():
+        weight = self._measured_weights(part, whitened, odds) if weigh else part[:, WEIGHT]
+        inlier, inlier_before = (mixture_terms(whitened, sigma, of, self._loss)[2] for of in (odds, before))
+        changed = np.abs(inlier - inlier_before) > _CHANGED
+        changed |= np.abs(np.log(weight / part[:, WEIGHT])) > 2.0 * _CHANGED
+        slots = np.unique(part[changed, SLOT]).astype(int).tolist()
+        taken = np.isin(part[:, SLOT], slots)  # the others keep what they were put with
+        rows[which[taken], NLOS_ODDS], rows[which[taken], WEIGHT] = odds[taken], weight[taken]
+        for slot in slots:
             self._put(slot)
 
     def _refresh(self) -> None:
