@@ -367,7 +367,7 @@ class Engine:
         if common is None:
             return
         self._candidates = found.candidates
-        self.tracking.noise = found.noise.copy()
+        self.tracking.noise[: len(found.noise)] = found.noise  # who was added since is not in it
         self._found = found
         self.alternatives = []
         sought = self._sought()

@@ -107,21 +107,6 @@ def test_the_relative_covariance_is_that_of_samples(gauge: int) -> None:
     np.testing.assert_allclose(got / np.outer(size, size), expected / np.outer(size, size), atol=0.03)
 
 
-def test_the_marginal_prior_is_the_gaussian_of_samples() -> None:
-    states, tangents, gauge = states_of(4), tangents_of(4, 0.01), 1
-    prior = members(states, tangents).marginal_prior([0, 1, 2], gauge, frames_of(states), states[:, 4:])
-    assert prior.users == [0, 1, 2]
-    assert prior.reference == gauge
-    np.testing.assert_allclose(prior.frames, relative_to(frames_of(states), gauge))
-    rows = []
-    for drawn in sampled(states, tangents, 40000, 1):
-        beside = relative_to(frames_of(drawn), gauge) - prior.frames
-        rows.append([*beside[[0, 2]][:, [0, 1, 3, 2]].ravel(), *(drawn[:, 4:] - states[:, 4:]).ravel()])
-    expected = np.cov(np.array(rows).T)
-    size = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(prior.covariance / np.outer(size, size), expected / np.outer(size, size), atol=0.03)
-
-
 def test_a_member_is_told_in_the_common_frame_with_its_whole_clock() -> None:
     states, shift = states_of(5), np.array([10.0, -20.0, 0.0])
     placed = members(states, tangents_of(5), shift).placed(1)

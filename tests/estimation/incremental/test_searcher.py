@@ -10,9 +10,12 @@ import pytest
 from support.live import feed
 
 from synchronizar.data.recording import Recording
+from synchronizar.data.registration import State
+from synchronizar.data.user import User
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.searcher import Searcher
 from synchronizar.estimation.incremental.snapshot import Found, Snapshot
+from synchronizar.estimation.incremental.told import registration_now
 from synchronizar.simulation.simulate import Scene, simulate
 
 PATIENCE = 120.0  # s: for a process to begin, on a busy machine
@@ -124,3 +127,16 @@ def test_what_was_closed_is_closed_and_may_be_closed_again(workers: int) -> None
     searcher.close()
     searcher.close()
     assert not searcher.busy
+
+
+def test_who_is_added_while_a_search_goes_on_is_not_in_what_it_finds() -> None:
+    engine = Engine(recording().users, 0)
+    feed(engine, recording(), end=4.0)
+    engine._searcher.begin(engine._snapshot(0.0, 0, [1], False))
+    engine.add_user(User("zoe"))
+    assert engine.advance(4.05) is not None
+    assert engine.tracking.noise.shape == (3, 2)
+    engine.add_range(4.06, 0, 2, 2.0)
+    feed(engine, recording(), begin=4.1, end=6.0)
+    assert engine.state(2) is State.DISCONNECTED
+    assert len(registration_now(engine).users) == 3
