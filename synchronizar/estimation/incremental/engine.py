@@ -143,6 +143,8 @@ class Engine:
         self.streams.append(None if user.static else PoseStream(self.parameters))
         self.standings.append(Standing())
         self.tracking.add_user(user)
+        self._searcher.abandon()
+        self._candidates = ()
 
     # Time goes on
 
@@ -227,10 +229,10 @@ class Engine:
         if self.reference in members.order:
             self._begun = self.standings[self.reference].placed
 
-    def _give_up(self) -> None:
-        """Follow nobody any more: what the graph knew is lost."""
+    def _give_up(self, but: int | None = None) -> None:
+        """Follow nobody any more: what the graph knew is lost. What becomes of one user, the caller says."""
         for user in list(self.tracking.members):
-            if user != self.reference:
+            if user not in (self.reference, but):
                 self.standings[user].begin_again(self.now, State.UNOBSERVABLE, "it is looked for anew")
                 self._tell(user)
         origin = self.tracking.origin
@@ -244,13 +246,13 @@ class Engine:
             return
         self._contradictions.forget(user)
         if len(self.tracking.members) == 2:  # nobody left beside whom to be
-            self._give_up()
+            self._give_up(but=user)
             return
         try:
             self.tracking.leave(user)
             self._members = Members(self.tracking, self.reference, self.shift)
         except RuntimeError:
-            self._give_up()
+            self._give_up(but=user)
 
     @property
     def gauge(self) -> int:
@@ -367,7 +369,7 @@ class Engine:
         if common is None:
             return
         self._candidates = found.candidates
-        self.tracking.noise[: len(found.noise)] = found.noise  # who was added since is not in it
+        self.tracking.noise = found.noise.copy()
         self._found = found
         self.alternatives = []
         sought = self._sought()

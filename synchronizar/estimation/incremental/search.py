@@ -89,8 +89,7 @@ def _agrees(optimum: LocalOptimum, snapshot: Snapshot) -> bool:
 
 def _starts(snapshot: Snapshot, active_users: list[int]) -> list[tuple[Array, Array]]:
     """The candidates of the search before that have all active users: frames (k, 4), calibrations (k, 3)."""
-    of_all = [c for c in snapshot.candidates if len(c.frames) == len(snapshot.recording.users)]  # none came meanwhile
-    return [(c.frames, c.calibration) for c in of_all if not np.isnan(c.frames[active_users]).any()]
+    return [(c.frames, c.calibration) for c in snapshot.candidates if not np.isnan(c.frames[active_users]).any()]
 
 
 def _candidate(optimum: LocalOptimum) -> Candidate:

@@ -53,6 +53,10 @@ class Searcher:
             self._pool = None
             return True, None
 
+    def abandon(self) -> None:
+        """What it finds is not wanted any more."""
+        self._running = None
+
     def close(self) -> None:
         """End its process."""
         if self._pool is not None:
