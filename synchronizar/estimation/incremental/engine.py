@@ -144,6 +144,8 @@ class Engine:
         self.streams.append(None if user.static else PoseStream(self.parameters))
         self.standings.append(Standing())
         self.tracking.add_user(user)
+        self._searcher.abandon()
+        self._candidates = ()
 
     # Time goes on
 
@@ -228,10 +230,10 @@ class Engine:
         if self.reference in members.order:
             self._begun = self.standings[self.reference].placed
 
-    def _give_up(self) -> None:
-        """Follow nobody any more: what the graph knew is lost."""
+    def _give_up(self, but: int | None = None) -> None:
+        """Follow nobody any more: what the graph knew is lost. What becomes of one user, the caller says."""
         for user in list(self.tracking.members):
-            if user != self.reference:
+            if user not in (self.reference, but):
                 self.standings[user].begin_again(self.now, State.UNOBSERVABLE, "it is looked for anew")
                 self._tell(user)
         origin = self.tracking.origin
@@ -245,13 +247,13 @@ class Engine:
             return
         self._contradictions.forget(user)
         if len(self.tracking.members) == 2:  # nobody left beside whom to be
-            self._give_up()
+            self._give_up(but=user)
             return
         try:
             self.tracking.leave(user)
             self._members = Members(self.tracking, self.reference, self.shift)
         except RuntimeError:
-            self._give_up()
+            self._give_up(but=user)
 
     @property
     def gauge(self) -> int:
@@ -783,7 +785,7 @@ class Engine:
 
 _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found"),
-    *("_told", "_extents", "_spread", "_events", "_judged", "_checked"),
+    *("_told", "_extents", "_spread", "_events", "_judged", "_checked", "_begun", "_cued"),
 )
 
 
