@@ -318,18 +318,21 @@ class Engine:
             if stream is None:
                 poses[u] = SlotPoses(slots, np.zeros(len(slots) + 1), np.zeros((len(slots) + 1, 3)))
                 continue
-            stamp = begin + float(self.tracking.assumed_clock[u])
+            since = self.standings[u].since
+            # Of who is looked for anew only what came since then: before, its SLAM's frame was another one.
+            own_begin = begin if checking or u not in sought or since is None else max(begin, since)
+            stamp = own_begin + float(self.tracking.assumed_clock[u])
             tail = stream.tail(stamp)
             if not len(tail.t):
                 tracks[user.name], segments[user.name] = _NOWHERE, np.zeros(1, dtype=np.int32)
                 first[u] = np.inf
                 continue
             tracks[user.name], segments[user.name] = _track_from(stream, stamp, tail)
-            if u != gauge and u not in self.tracking.members:
+            if own_begin > begin or (u != gauge and u not in self.tracking.members):
                 first[u] = float(tail.t[0]) - float(self.tracking.assumed_clock[u])
             stamps = np.array([self.tracking.begin_of(n) for n in slots]) + self.tracking.assumed_clock[u]
             known = stream.at(stamps)
-            there = np.flatnonzero(known.valid)
+            there = np.flatnonzero(known.valid & (stamps >= tail.t[0]))
             poses[u] = SlotPoses(
                 [slots[n] for n in there.tolist()],
                 np.append(stamps[there], tail.t[-1]),
