@@ -84,6 +84,7 @@ class Engine:
         self._events: list[str] = []
         self._judged = -1
         self._cued = -1
+        self._nlos_share = 0.0
         self._checked = -np.inf
 
     def close(self) -> None:
@@ -272,7 +273,9 @@ class Engine:
         sought = self._sought()
         m = self.parameters.incremental
         if not sought:
-            return bool(self.tracking.members) and self.now >= max(self.searched, self._checked) + m.check_interval
+            doubtful = self._nlos_share > self.parameters.search.doubtful_share
+            interval = m.doubtful_interval if doubtful else m.check_interval
+            return bool(self.tracking.members) and self.now >= max(self.searched, self._checked) + interval
         first = min(s for u in sought if (s := self.standings[u].since) is not None)
         if self.now < first + _FIRST_SEARCH:
             return False
@@ -369,6 +372,8 @@ class Engine:
         if common is None:
             return
         self._candidates = found.candidates
+        if self.tracking.members:
+            self.tracking.take_odds(found.ranges.serial, found.ranges.nlos_odds)
         self.tracking.noise = found.noise.copy()
         self._found = found
         self.alternatives = []
@@ -586,6 +591,7 @@ class Engine:
             return
         gauge = self.gauge
         recent = tracking.rejected(self.now - self.parameters.incremental.recent)
+        self._nlos_share = float(recent[list(tracking.members)].mean())
         for user in list(tracking.members):
             standing = self.standings[user]
             if user == gauge or user not in members.order:
