@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import cos, exp, pi, sin
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import gtsam
 import numpy as np
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 CALIBRATION_UNITS = np.array([0.02, 0.05, 0.01])
 """Log scale, m, s: D is in these. gtsam refuses a system in which one pivot is 4096 times the next, which clocks that
 drift by 0.1 ms beside heights that are known to a metre would be."""
+
+SlotFactor: TypeAlias = gtsam.NonlinearFactor
+"""Any factor of the graph that follows people."""
 
 _STEP_DIMENSION = 4
 _SCALE_UNIT = float(CALIBRATION_UNITS[SCALE])
@@ -162,6 +165,19 @@ def joining_prior(new: Sequence[Joining], known: Sequence[Joining], shared_sigma
 
     names = [key for pair in zip(heights, calibrations, strict=True) for key in pair]
     return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), names, error)
+
+
+def place_prior(
+    user: int, slot: int, pose: tuple[float, float, float], sigma: tuple[float, float, float]
+) -> gtsam.PriorFactorPose2:
+    """A user's place (m) and heading (rad) at a slot, each with 1 sigma."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array(sigma))
+    return gtsam.PriorFactorPose2(keys.slot_pose(user, slot), gtsam.Pose2(*pose), noise)
+
+
+def height_prior(user: int, slot: int, height: float, sigma: float) -> gtsam.PriorFactorDouble:
+    """A user's height (m) at a slot, with 1 sigma."""
+    return gtsam.PriorFactorDouble(keys.slot_height(user, slot), height, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
 
 
 class SlotRangeFactor(gtsam.CustomFactor):

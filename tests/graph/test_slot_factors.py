@@ -16,7 +16,9 @@ from synchronizar.graph.slot_factors import (
     SlamStep,
     SlotRangeFactor,
     calibration_walk_factor,
+    height_prior,
     joining_prior,
+    place_prior,
     step_factor,
 )
 from synchronizar.parameters import Parameters
@@ -207,3 +209,17 @@ def test_a_single_range_between_two_who_stand_is_what_is_computed_by_hand() -> N
         values.insert(keys.slot_calibration(user, SLOT), np.array([0.0, bias, 0.0]) / CALIBRATION_UNITS)
     factor = SlotRangeFactor(SLOT, [0, 1], block, NlosMixture(1.0, 0.0), np.zeros(1))
     assert factor.error(values) == pytest.approx(0.5 * 0.5 * (0.1 / 0.1) ** 2)
+
+
+# Priors of a place
+
+
+def test_priors_of_a_place_count_each_deviation_over_its_sigma() -> None:
+    values = gtsam.Values()
+    values.insert(keys.slot_pose(3, SLOT), gtsam.Pose2(1.3, 2.0, 0.5))
+    values.insert(keys.slot_height(3, SLOT), 1.2)
+    place = place_prior(3, SLOT, (1.0, 2.0, 0.1), (0.1, 0.2, 0.4))
+    matrix = place.linearize(values).jacobian()[0]
+    np.testing.assert_allclose(matrix, derivative(place.whitenedError, values, [keys.slot_pose(3, SLOT)]), atol=1e-6)
+    assert height_prior(3, SLOT, 1.0, 0.1).error(values) == pytest.approx(2.0)
+    assert place.whitenedError(values)[2] == pytest.approx(1.0)

@@ -788,7 +788,7 @@ class Engine:
 
 _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found"),
-    *("_told", "_extents", "_spread", "_events", "_judged", "_checked", "_begun", "_cued"),
+    *("_told", "_extents", "_spread", "_events", "_judged", "_checked", "_begun", "_cued", "_nlos_share"),
 )
 
 

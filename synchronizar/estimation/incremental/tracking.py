@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Container, Hashable, Mapping
 from typing import Any, NamedTuple
 
-import gtsam
 import numpy as np
 
 from synchronizar._core import burst_nlos_odds_of_pairs, mixture_terms
@@ -30,16 +29,18 @@ from synchronizar.estimation.incremental.slot_ranges import (
     block_of,
 )
 from synchronizar.geometry import apply_frames
-from synchronizar.graph import keys
 from synchronizar.graph.follower import Follower, SlotState
 from synchronizar.graph.pose_graph import calibration_sigmas
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.slot_factors import (
     Joining,
     SlamStep,
+    SlotFactor,
     SlotRangeFactor,
     calibration_walk_factor,
+    height_prior,
     joining_prior,
+    place_prior,
     step_factor,
 )
 from synchronizar.parameters import Parameters
@@ -178,7 +179,7 @@ class Tracking:
         for kind in ("step", "walk"):
             self.follower.put((kind, user, b.slot), self._tying(kind, user, b.slot), a.slot)
 
-    def _tying(self, kind: str, user: int, slot: int) -> gtsam.NonlinearFactor:
+    def _tying(self, kind: str, user: int, slot: int) -> SlotFactor:
         """The factor between a slot of a user and the one before."""
         before, step = self._steps[user, slot]
         if kind == "step":
@@ -516,7 +517,7 @@ class Tracking:
         for user in new:
             self._hold(user, first[user], user == reference)
 
-    def _prior_of(self, name: Hashable) -> gtsam.NonlinearFactor:
+    def _prior_of(self, name: Hashable) -> SlotFactor:
         """The factor of some who joined."""
         _, shared = calibration_sigmas(self.parameters)
         joining, known = self._priors[name]
@@ -528,16 +529,14 @@ class Tracking:
         for kind in ("place", "height") if exactly else ("place",):
             self.follower.put((kind, user, slot), self._holding(kind, user, slot), slot)
 
-    def _holding(self, kind: str, user: int, slot: int) -> gtsam.NonlinearFactor:
+    def _holding(self, kind: str, user: int, slot: int) -> SlotFactor:
         """The factor that holds a user's place, or height."""
         at, exactly = self._held[user, slot]
         x, y, yaw, height = at.tolist()
         if kind == "height":
-            tight = gtsam.noiseModel.Isotropic.Sigma(1, 1e-3)
-            return gtsam.PriorFactorDouble(keys.slot_height(user, slot), height, tight)
-        wide = [_SOMEWHERE, _SOMEWHERE, self.parameters.priors.yaw_sigma]
-        noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-3, 1e-3, 1e-3] if exactly else wide))
-        return gtsam.PriorFactorPose2(keys.slot_pose(user, slot), gtsam.Pose2(x, y, yaw), noise)
+            return height_prior(user, slot, height, 1e-3)
+        sigma = (1e-3, 1e-3, 1e-3) if exactly else (_SOMEWHERE, _SOMEWHERE, self.parameters.priors.yaw_sigma)
+        return place_prior(user, slot, (x, y, yaw), sigma)
 
     def _joining(self, user: int, slot: int) -> Joining:
         own, _ = calibration_sigmas(self.parameters)
@@ -605,7 +604,7 @@ class Tracking:
         names = [name for name, _ in state["follower"].names if name not in state["follower"].linear]
         self.follower = Follower.from_state(state["follower"], {name: self._made(name) for name in names})
 
-    def _made(self, name: Any) -> gtsam.NonlinearFactor:
+    def _made(self, name: Any) -> SlotFactor:
         """The factor of a name, made again."""
         kind = name[0]
         if kind == "ranges":

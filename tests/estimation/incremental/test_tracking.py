@@ -114,7 +114,7 @@ def sigma_of(tracking: Tracking, user: int) -> float:
 
 
 def test_who_joins_is_drawn_to_where_its_ranges_have_it() -> None:
-    tracking = People().begin(off=0.2, last=8)
+    tracking = People().begin(off=0.1, last=8)
     assert list(tracking.members) == [0, 1, 2]
     for user, most in ((0, 0.3), (1, 0.3), (2, 1.0)):
         assert off(tracking, user) < min(most, 3.0 * sigma_of(tracking, user))
