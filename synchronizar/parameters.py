@@ -217,6 +217,8 @@ class IncrementalParameters:
     """... and this share of the time for which it has been looked for, if that is more."""
     check_interval: float = 30.0
     """s between two checks of known users for other optima and mirror images."""
+    doubtful_interval: float = 2.0
+    """s between two, while more ranges are NLOS than `search.doubtful_share`: they judge which these are anew."""
     recent: float = 10.0
     """s: what share of a user's ranges is NLOS, or rejected, is asked of the last so many seconds."""
 

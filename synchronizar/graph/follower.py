@@ -18,9 +18,9 @@ from synchronizar.graph import keys
 from synchronizar.graph.slot_factors import CALIBRATION_UNITS
 
 _THRESHOLDS = {
-    "x": np.array([0.06, 0.06, 0.03]),  # m, m, rad
-    "h": np.array([0.1]),  # m
-    "d": np.array([0.01, 0.05, 0.03]) / CALIBRATION_UNITS,  # log scale, m, s
+    "x": np.array([0.02, 0.02, 0.01]),  # m, m, rad
+    "h": np.array([0.05]),  # m
+    "d": np.array([0.005, 0.02, 0.01]) / CALIBRATION_UNITS,  # log scale, m, s
 }
 """Estimates that are further from where they were linearised are linearised anew."""
 _NEVER = 10**9  # updates: iSAM2 linearises anew when it is told to, so that the order of time can be kept

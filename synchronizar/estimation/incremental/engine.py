@@ -84,6 +84,7 @@ class Engine:
         self._events: list[str] = []
         self._judged = -1
         self._cued = -1
+        self._nlos_share = 0.0
         self._checked = -np.inf
 
     def close(self) -> None:
@@ -143,6 +144,8 @@ class Engine:
         self.streams.append(None if user.static else PoseStream(self.parameters))
         self.standings.append(Standing())
         self.tracking.add_user(user)
+        self._searcher.abandon()
+        self._candidates = ()
 
     # Time goes on
 
@@ -227,10 +230,10 @@ class Engine:
         if self.reference in members.order:
             self._begun = self.standings[self.reference].placed
 
-    def _give_up(self) -> None:
-        """Follow nobody any more: what the graph knew is lost."""
+    def _give_up(self, but: int | None = None) -> None:
+        """Follow nobody any more: what the graph knew is lost. What becomes of one user, the caller says."""
         for user in list(self.tracking.members):
-            if user != self.reference:
+            if user not in (self.reference, but):
                 self.standings[user].begin_again(self.now, State.UNOBSERVABLE, "it is looked for anew")
                 self._tell(user)
         origin = self.tracking.origin
@@ -244,13 +247,13 @@ class Engine:
             return
         self._contradictions.forget(user)
         if len(self.tracking.members) == 2:  # nobody left beside whom to be
-            self._give_up()
+            self._give_up(but=user)
             return
         try:
             self.tracking.leave(user)
             self._members = Members(self.tracking, self.reference, self.shift)
         except RuntimeError:
-            self._give_up()
+            self._give_up(but=user)
 
     @property
     def gauge(self) -> int:
@@ -273,7 +276,9 @@ class Engine:
         sought = self._sought()
         m = self.parameters.incremental
         if not sought:
-            return bool(self.tracking.members) and self.now >= max(self.searched, self._checked) + m.check_interval
+            doubtful = self._nlos_share > self.parameters.search.doubtful_share
+            interval = m.doubtful_interval if doubtful else m.check_interval
+            return bool(self.tracking.members) and self.now >= max(self.searched, self._checked) + interval
         first = min(s for u in sought if (s := self.standings[u].since) is not None)
         if self.now < first + _FIRST_SEARCH:
             return False
@@ -370,6 +375,8 @@ class Engine:
         if common is None:
             return
         self._candidates = found.candidates
+        if self.tracking.members:
+            self.tracking.take_odds(found.ranges.serial, found.ranges.nlos_odds)
         self.tracking.noise = found.noise.copy()
         self._found = found
         self.alternatives = []
@@ -587,6 +594,7 @@ class Engine:
             return
         gauge = self.gauge
         recent = tracking.rejected(self.now - self.parameters.incremental.recent)
+        self._nlos_share = float(recent[list(tracking.members)].mean())
         for user in list(tracking.members):
             standing = self.standings[user]
             if user == gauge or user not in members.order:
@@ -780,7 +788,7 @@ class Engine:
 
 _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found"),
-    *("_told", "_extents", "_spread", "_events", "_judged", "_checked"),
+    *("_told", "_extents", "_spread", "_events", "_judged", "_checked", "_begun", "_cued"),
 )
 
 

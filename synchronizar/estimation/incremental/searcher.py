@@ -31,9 +31,14 @@ class Searcher:
             self._running = Future()
             self._running.set_result(search(snapshot))
             return
-        if self._pool is None:
-            # Not forked: the caller may have threads, and locks that they hold.
-            self._pool = ProcessPoolExecutor(1, get_context("spawn"))
+        if self._pool is not None:
+            try:
+                self._running = self._pool.submit(search, snapshot)
+                return
+            except BrokenProcessPool:  # killed while it had nothing to do
+                self._pool = None
+        # Not forked: the caller may have threads, and locks that they hold.
+        self._pool = ProcessPoolExecutor(1, get_context("spawn"))
         self._running = self._pool.submit(search, snapshot)
 
     def poll(self) -> tuple[bool, Found | None]:
@@ -47,6 +52,10 @@ class Searcher:
         except BrokenProcessPool:  # killed from outside, or out of memory: the next search gets a new one
             self._pool = None
             return True, None
+
+    def abandon(self) -> None:
+        """What it finds is not wanted any more."""
+        self._running = None
 
     def close(self) -> None:
         """End its process."""

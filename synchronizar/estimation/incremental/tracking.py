@@ -454,6 +454,23 @@ class Tracking:
         for slot in slots:
             self._put(slot)
 
+    def take_odds(self, serial: Indices, nlos_odds: Array) -> None:
+        """NLOS odds of ranges by running index (n,), as a search has them: from outside, where all is solved anew.
+
+        A graph that follows trusts its own judgement; slots in which the search judges otherwise are put anew.
+        """
+        rows = self.ranges.rows
+        _, here, there = np.intersect1d(rows[:, SERIAL].astype(np.int64), serial, return_indices=True)
+        sigma, whitened = rows[here, SIGMA], self.residuals(rows[here]) / rows[here, SIGMA]
+        odds = nlos_odds[there]
+        before = rows[here, NLOS_ODDS].copy()
+        inlier, inlier_before = (mixture_terms(whitened, sigma, of, self._loss)[2] for of in (odds, before))
+        slots = np.unique(rows[here[np.abs(inlier - inlier_before) > _CHANGED], SLOT]).astype(int).tolist()
+        taken = np.isin(rows[here, SLOT], slots)
+        rows[here[taken], NLOS_ODDS] = odds[taken]
+        for slot in slots:
+            self._put(slot)
+
     def _refresh(self) -> None:
         """All estimates of the window."""
         for slot, users in self.follower.slots.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -163,3 +164,113 @@ def test_a_value_that_no_device_can_mean_is_refused_counted_and_told_once(name: 
     assert event.startswith(what)
     assert event.endswith("refused, 2 times")
     assert estimator.advance(1.1) == []
+
+
+# ---- while people walk ----
+
+
+def test_two_runs_without_a_process_are_the_same_to_the_last_byte(recording: Recording, tmp_path: Path) -> None:
+    files = []
+    for run in ("one", "two"):
+        estimator = sz.Estimator(["phone0", "phone1"], workers=0)
+        feed(estimator, recording)
+        estimator.save(tmp_path / f"{run}.npz")
+        with np.load(tmp_path / f"{run}.npz") as archive:
+            files.append({name: archive[name].tobytes() for name in archive.files})
+    assert files[0] == files[1]
+
+
+def test_an_estimator_that_is_loaded_goes_on_as_the_saved_one(recording: Recording, tmp_path: Path) -> None:
+    half = 0.5 * float(recording.ranges.t[-1])
+    saved = sz.Estimator(["phone0", "phone1"], workers=0)
+    feed(saved, until(recording, half))
+    saved.save(tmp_path / "state.npz")
+    loaded = sz.Estimator.load(tmp_path / "state.npz", workers=0)
+    rest = since(recording, half)
+    assert feed(loaded, rest) == feed(saved, rest)
+    ours, theirs = (each.registration().users["phone1"] for each in (loaded, saved))
+    assert ours.state is theirs.state
+    assert ours.common_from_user is not None
+    assert theirs.common_from_user is not None
+    np.testing.assert_allclose(ours.common_from_user.translation, theirs.common_from_user.translation, atol=1e-6)
+
+
+def until(recording: Recording, end: float) -> Recording:
+    return part(recording, -np.inf, end)
+
+
+def since(recording: Recording, begin: float) -> Recording:
+    return part(recording, begin, np.inf)
+
+
+def part(recording: Recording, begin: float, end: float) -> Recording:
+    """What came in a stretch of time."""
+    tracks = {}
+    for name, track in recording.tracks.items():
+        kept = (track.t >= begin) & (track.t < end)
+        tracks[name] = replace(track, t=track.t[kept], position=track.position[kept], quat_xyzw=track.quat_xyzw[kept])
+    r = recording.ranges
+    return replace(recording, tracks=tracks, ranges=r.select((r.t >= begin) & (r.t < end)))
+
+
+def test_a_user_is_added_by_name_before_and_after_the_reference_is_chosen() -> None:
+    estimator = sz.Estimator(["bob", "eve"], up="y", workers=0)
+    estimator.add_user("alice", height_sigma=0.2)
+    assert [user.name for user in estimator.users] == ["bob", "eve", "alice"]
+    assert estimator.users[2].up == "y"
+    for x in (0.0, 0.4, 0.8):
+        estimator.add_pose("eve", x, [x, 0, 0], NOBODY_TURNED)
+    estimator.advance(0.8)
+    assert estimator.reference == "eve"
+    estimator.add_user("post", static=True)
+    estimator.add_range(0.9, "post", "alice", 2.0)
+    estimator.add_pose("alice", 0.9, [0, 0, 0], NOBODY_TURNED)
+    assert estimator.advance(1.0) == []
+    now = estimator.registration()
+    assert set(now.users) == {"bob", "eve", "alice", "post"}
+    assert now.users["post"].static
+    for name, fault in (("alice", "there is a user 'alice' already"), ("x", "no setting 'colour'")):
+        settings = {"colour": 1} if name == "x" else {}
+        with pytest.raises(ValueError, match=fault):
+            estimator.add_user(name, **settings)
+    assert len(estimator.users) == 4
+
+
+@pytest.mark.parametrize("call", ["lost_tracking", "new_session"])
+def test_a_user_who_says_that_its_slam_began_anew_is_not_registered_until_it_is_found(
+    recording: Recording, call: str
+) -> None:
+    estimator = sz.Estimator(["phone0", "phone1"], workers=0)
+    feed(estimator, recording)
+    assert estimator.registration().users["phone1"].state is sz.State.REGISTERED
+    getattr(estimator, call)("phone1")
+    end = float(recording.ranges.t[-1])
+    (event,) = estimator.advance(end)
+    assert event.startswith("phone1: unobservable: its SLAM")
+    user = estimator.registration().users["phone1"]
+    assert user.state is sz.State.UNOBSERVABLE
+    assert user.common_from_user is None
+    for name, fault in (("nobody", "user: there is no user"),):
+        with pytest.raises(ValueError, match=fault):
+            getattr(estimator, call)(name)
+    with pytest.raises(ValueError, match="user: 'post' is static"):
+        getattr(two(), call)("post")
+
+
+def test_one_range_stamped_a_day_ahead_changes_nothing_that_is_told(recording: Recording) -> None:
+    plain, strayed = (sz.Estimator(["phone0", "phone1"], workers=0) for _ in range(2))
+    feed(plain, recording)
+    for n, piece in enumerate((until(recording, 4.0), since(recording, 4.0))):
+        feed(strayed, piece)
+        if n == 0:
+            strayed.add_range(86400.0, "phone0", "phone1", 3.0)
+    ours, theirs = plain.registration(), strayed.registration()
+    assert [user.state for user in ours.users.values()] == [user.state for user in theirs.users.values()]
+    frames = [each.users["phone1"].common_from_user for each in (ours, theirs)]
+    np.testing.assert_allclose(frames[0].translation, frames[1].translation, atol=0.05)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("workers", [2, -1, "many"])
+def test_so_many_processes_there_cannot_be(workers: int) -> None:
+    with pytest.raises(ValueError, match="workers: must be 0, 1 or None"):
+        sz.Estimator(["a"], workers=workers)

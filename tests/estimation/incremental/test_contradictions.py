@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from synchronizar.estimation.incremental.contradictions import Contradictions, Innovations
+from synchronizar.parameters import Parameters
+
+PARAMETERS = Parameters()
+NOW = 100.0
+SHORT, LONG, FITS = 6.0, -9.0, 0.2
+"""Whitened: too short, too long by far, and as expected."""
+
+
+def innovations(rows: list[tuple[float, int, int, float]]) -> Innovations:
+    """Of rows t, i, j, whitened."""
+    t, i, j, whitened = (np.array(column) for column in zip(*rows, strict=True))
+    return Innovations(t, i.astype(np.int32), j.astype(np.int32), whitened)
+
+
+def told(rows: list[tuple[float, int, int, float]], gauge: int = 0) -> tuple[list[int], str] | None:
+    contradictions = Contradictions(PARAMETERS)
+    contradictions.add(innovations(rows), NOW)
+    return contradictions.found(NOW, gauge)
+
+
+def between(
+    pairs: dict[tuple[int, int], float], each: int = 8, seconds: float = 0.9
+) -> list[tuple[float, int, int, float]]:
+    """So many ranges of each pair in the last so many seconds, all off by the same."""
+    return [(NOW - seconds * n / each, i, j, off) for n in range(each) for (i, j), off in pairs.items()]
+
+
+def test_nobody_is_contradicted_by_nothing_and_by_ranges_that_fit() -> None:
+    assert Contradictions(PARAMETERS).found(NOW, 0) is None
+    assert told(between({(0, 1): FITS, (0, 2): FITS, (1, 2): FITS})) is None
+
+
+@pytest.mark.parametrize("gauge", [0, 1])
+def test_who_is_nearer_to_the_others_than_it_seems_is_blamed(gauge: int) -> None:
+    found = told(between({(0, 1): FITS, (0, 2): SHORT, (1, 2): SHORT}), gauge)
+    assert found is not None
+    assert found[0] == [2]
+    assert "% of its ranges in the last 1 s do not fit" in found[1]
+
+
+def test_of_two_who_range_to_each_other_alone_it_is_not_the_gauge() -> None:
+    for gauge in (0, 1):
+        found = told(between({(0, 1): SHORT}, each=12), gauge)
+        assert found is not None
+        assert found[0] == [1 - gauge]
+
+
+def test_a_gauge_that_fits_nobody_while_the_others_fit_one_another_is_wrong_itself() -> None:
+    found = told(between({(0, 1): SHORT, (0, 2): SHORT, (0, 3): SHORT, (1, 2): FITS, (1, 3): FITS, (2, 3): FITS}))
+    assert found is not None
+    assert found[0] == [0]
+
+
+def test_a_group_that_moved_together_is_blamed_together() -> None:
+    found = told(between({(0, 1): FITS, (2, 3): FITS, (0, 2): SHORT, (0, 3): SHORT, (1, 2): SHORT, (1, 3): SHORT}))
+    assert found is not None
+    assert sorted(found[0]) == [2, 3]
+
+
+def test_ranges_that_are_too_long_for_a_moment_are_a_body_in_between() -> None:
+    assert told(between({(0, 1): LONG, (0, 2): LONG, (1, 2): FITS})) is None
+
+
+def test_next_to_nothing_but_misfits_for_longer_are_no_body() -> None:
+    found = told(between({(0, 1): FITS, (0, 2): LONG, (1, 2): LONG}, each=30, seconds=2.9))
+    assert found is not None
+    assert found[0] == [2]
+
+
+def test_a_few_ranges_tell_nothing() -> None:
+    few = PARAMETERS.integrity.innovation_fewest - 1
+    assert told(between({(0, 1): SHORT}, each=few)) is None
+
+
+def test_what_is_long_past_or_forgotten_tells_nothing() -> None:
+    contradictions = Contradictions(PARAMETERS)
+    contradictions.add(innovations(between({(0, 1): FITS, (0, 2): SHORT, (1, 2): SHORT})), NOW)
+    assert contradictions.found(NOW + 11.0, 0) is None
+    contradictions.forget(2)
+    assert contradictions.found(NOW, 0) is None
+    assert set(contradictions.recent.j.tolist()) == {1}
+    contradictions.add(innovations([(NOW + 60.0, 0, 1, FITS)]), NOW + 60.0)
+    assert len(contradictions.recent.t) == 1
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), users=st.integers(2, 6), each=st.integers(1, 12))
+def test_noise_of_the_size_that_is_expected_alarms_nobody(seed: int, users: int, each: int) -> None:
+    random = np.random.default_rng(seed)
+    pairs = [(i, j) for i in range(users) for j in range(i + 1, users)]
+    rows = [(NOW - random.uniform(0.0, 10.0), i, j, random.normal()) for i, j in pairs for _ in range(each)]
+    assert told(rows) is None
+
+
+def test_how_often_chance_alarms_is_what_a_binomial_says() -> None:
+    """Two who range 20 times a second, of which the tolerated share is too short: three sigmas."""
+    m, random = PARAMETERS.integrity, np.random.default_rng(0)
+    count, runs = 20, 4000
+    limit = m.innovation_short_share + 3.0 * np.sqrt(
+        m.innovation_short_share * (1.0 - m.innovation_short_share) / count
+    )
+    alarms = 0
+    for _ in range(runs):
+        short = random.uniform(size=count) < m.innovation_short_share
+        rows = [(NOW - 0.04 * n, 0, 1, SHORT if s else FITS) for n, s in enumerate(short.tolist())]
+        found = told(rows)
+        assert (found is not None) == bool(short.mean() > limit)
+        alarms += found is not None
+    assert alarms / runs < 0.01
