@@ -210,7 +210,7 @@ class IncrementalParameters:
     """Registration while people walk. Times s."""
 
     window: float = 20.0
-    """s: what is older is marginalised once all are registered (fixed lag)."""
+    """s: what is older is marginalised; while somebody is looked for, what is older than twice this (fixed lag)."""
     search_interval: float = 0.5
     """s between two searches for a user who has just come, ..."""
     search_growth: float = 0.05
@@ -220,7 +220,7 @@ class IncrementalParameters:
     doubtful_interval: float = 2.0
     """s between two, while more ranges are NLOS than `search.doubtful_share`: they judge which these are anew."""
     recent: float = 10.0
-    """s: a user of whose ranges in the last so many seconds too many do not fit is searched for again."""
+    """s: what share of a user's ranges is NLOS, or rejected, is asked of the last so many seconds."""
 
 
 @dataclass(frozen=True)

@@ -257,7 +257,10 @@ class Engine:
 
     @property
     def gauge(self) -> int:
-        """The user beside whom the others are judged: the reference, or who ranges most where that ranges no more."""
+        """The user beside whom the others are judged: the reference while it is followed.
+
+        Else who has the newest slot, one that moves before one that stands.
+        """
         tracking = self.tracking
         if not tracking.members or self.reference in tracking.members:
             return self.reference

@@ -33,7 +33,7 @@ class Standing:
     verdict: Verdict | None = None
     placed: Placed | None = None
     since: float | None = None
-    """s: its first range, or when it was last found to be somewhere else; None: it has not ranged."""
+    """s: its first range, or when it was last given up and looked for anew; None: it has not ranged."""
     registered_at: float | None = None
     """s: since when it is registered."""
     steady_since: float | None = None
