@@ -268,6 +268,10 @@ class IntegrityParameters:
     """Sigmas: further off, a range of two users does not fit, once somebody is contradicted; ..."""
     innovation_pair_share: float = 0.25
     """... with a larger share of these, the two do not fit one another."""
+    doubted_duration: float = 30.0
+    """s after its ranges contradicted a user in which it is registered again only ..."""
+    doubted_share: float = 0.25
+    """... while fewer of its latest ranges do not fit: what was wrong may still be."""
     proven_duration: float = 5.0
     """s: until a user has been registered for so long, other placements are looked for all along."""
 

@@ -24,6 +24,7 @@ _THRESHOLDS = {
 }
 """Estimates that are further from where they were linearised are linearised anew."""
 _NEVER = 10**9  # updates: iSAM2 linearises anew when it is told to, so that the order of time can be kept
+_VARIABLES = 3  # a user and slot
 _STEPS = 5  # Gauss-Newton steps of a graph that is built anew, at most
 
 
@@ -104,9 +105,9 @@ class Follower:
 
     def insert(self, user: int, slot: int, state: SlotState) -> None:
         """A new user of a slot, where the next update begins. Factors must follow before that."""
+        if slot not in self._slots and slot < next(reversed(self._slots), slot):
+            self._slots = dict(sorted([*self._slots.items(), (slot, [])]))
         self._slots.setdefault(slot, []).append(user)
-        if len(self._slots) > 1 and slot < next(reversed(self._slots)):
-            self._slots = dict(sorted(self._slots.items()))
         self._inserted.insert(keys.slot_pose(user, slot), gtsam.Pose2(*state.pose))
         self._inserted.insert(keys.slot_height(user, slot), state.height)
         self._inserted.insert(keys.slot_calibration(user, slot), state.calibration / CALIBRATION_UNITS)
@@ -131,6 +132,13 @@ class Follower:
         first = min((s for s in (stale, self._touched) if s is not None), default=None)
         if first is None:
             return
+        # gtsam takes no more groups than there are variables to eliminate: as many slots are, that all can be in order.
+        slots = list(self._slots)
+        users = [len(self._slots[slot]) for slot in slots]
+        at = slots.index(first) if first in self._slots else 0
+        while at > 0 and _VARIABLES * sum(users[at:]) <= len(slots):
+            at -= 1
+        first = slots[at]
         graph = gtsam.NonlinearFactorGraph()
         names = list(self._new)
         for name in names:
@@ -143,11 +151,8 @@ class Follower:
         for key in touched:
             if not self._inserted.exists(key):
                 again.push_back(key)
-        # Cliques may hold slots before the first that is touched, which come first, in the order of time too. gtsam
-        # takes no more groups than there are variables to eliminate.
-        ordered = list(self._slots.items())[1 - len(touched) :]
-        for group, (slot, users) in enumerate(ordered):
-            for key in _keys(users, slot):
+        for group, (slot, present) in enumerate(self._slots.items()):
+            for key in _keys(present, slot):
                 order.insert2(key, group)
         params.constrainedKeys, params.extraReelimKeys, params.noRelinKeys = order, again, _key_list(self._fixed)
         try:

@@ -116,7 +116,7 @@ class Engine:
 
     def _add_range(self, t: float, serial: int, a: int, b: int, distance: float, optional: Mapping[str, float]) -> None:
         if not np.isfinite(self.tracking.origin):
-            self.tracking.origin = float(np.floor(t))
+            self.tracking.origin = t
         if self.log.add(serial, t, a, b, distance, optional):
             for user in (a, b):
                 if self.standings[user].since is None:
@@ -195,6 +195,7 @@ class Engine:
                 continue
             for event in stream.take_events():
                 if isinstance(event, Jump):
+                    self._judged = -1  # how sure its place is now is told at once
                     what = f"its SLAM jumped by {event.distance:.2f} m and {np.degrees(event.turn):.0f} deg: mended"
                     self._events.append(f"{self.users[user].name}: {what}")
                 elif isinstance(event, SetAside):
@@ -336,11 +337,16 @@ class Engine:
             stamps = np.array([self.tracking.begin_of(n) for n in slots]) + self.tracking.assumed_clock[u]
             known = stream.at(stamps)
             there = np.flatnonzero(known.valid & (stamps >= tail.t[0]))
-            poses[u] = SlotPoses(
-                [slots[n] for n in there.tolist()],
-                np.append(stamps[there], tail.t[-1]),
-                np.concatenate([known.position[there], tail.position[-1:]]),
-            )
+            poses[u] = _slot_poses([slots[n] for n in there.tolist()], stamps[there], known.position[there], tail)
+            begins = self.tracking.slot_of(float(tail.t[0]) - float(self.tracking.assumed_clock[u]))
+            if begins < poses[u].slots[0] if poses[u].slots else begins in slots:
+                # It comes in the middle of a slot: its first one begins where its poses do.
+                poses[u] = _slot_poses(
+                    [begins, *poses[u].slots],
+                    np.append(tail.t[0], stamps[there]),
+                    np.concatenate([tail.position[:1], known.position[there]]),
+                    tail,
+                )
         rows = self.log.rows
         rows = rows[np.lexsort([rows[:, -1], rows[:, 0]])]
         a, b = self.log.users(rows)
@@ -438,6 +444,10 @@ class Engine:
         if state is State.REGISTERED and follows and self._elsewhere(user, placed):
             self._unfollow(user)
             follows = False
+        m = self.parameters.integrity
+        doubted = found.t - standing.doubted_at < m.doubted_duration
+        if state is State.REGISTERED and doubted and own.rejected > m.doubted_share:
+            state, reason = State.UNOBSERVABLE, f"{own.rejected:.0%} of its latest ranges do not fit"
         if state is State.REGISTERED and not (standing.is_registered or self._is_steady(standing, own, before, placed)):
             standing.progress *= _WATCHED_AT
             state, reason = State.UNOBSERVABLE, "its place is known, if it stays there: it is watched on"
@@ -446,6 +456,7 @@ class Engine:
                 standing.registered_at = found.t
             proven = found.t - standing.registered_at >= self.parameters.integrity.proven_duration
             standing.proven = proven and own.single
+            standing.contradicted = False
         else:
             standing.registered_at, standing.proven = None, False
             if follows and (own.verdict.state is State.AMBIGUOUS or not own.single or self._elsewhere(user, placed)):
@@ -545,6 +556,7 @@ class Engine:
                 return
             joining = {found.gauge: gauge, **joining}
             begins = found.gauge
+            self.standings[begins].contradicted = False
         tracking.join(joining, begins)
         members = list(tracking.members)
         rows = self.log.rows
@@ -653,6 +665,7 @@ class Engine:
         self._unfollow(user)
         self._contradictions.forget(user)
         self.standings[user].contradicted = user == self.reference
+        self.standings[user].doubted_at = self.now
         self.standings[user].begin_again(self.now, State.UNOBSERVABLE, reason)
         self._tell(user)
 
@@ -793,6 +806,11 @@ _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found"),
     *("_told", "_extents", "_spread", "_events", "_judged", "_checked", "_begun", "_cued", "_nlos_share"),
 )
+
+
+def _slot_poses(slots: list[int], stamps: Array, places: Array, tail: Tail) -> SlotPoses:
+    """Slots, and where a device is at their begins; its last pose besides."""
+    return SlotPoses(slots, np.append(stamps, tail.t[-1]), np.concatenate([places, tail.position[-1:]]))
 
 
 def _track_from(stream: PoseStream, stamp: float, tail: Tail) -> tuple[Track, Indices]:

@@ -197,6 +197,11 @@ class Estimator:
         nothing = {user.name: _disconnected(user, _NOBODY_MOVED) for user in self.users}
         return Registration(None, "full", "joint", nothing, (), _no_ranges(), _no_seconds())
 
+    def close(self) -> None:
+        """End the process that searches; the next search would begin another one."""
+        if self._engine is not None:
+            self._engine.close()
+
     def save(self, path: str | Path) -> None:
         """Write all that it knows to a file. Raises InputError where that cannot be, or there is nothing yet."""
         if self._engine is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
@@ -40,6 +41,8 @@ class Standing:
     """s: since when its place has stayed, while it is watched."""
     proven: bool = False
     """Whether it was registered for long enough, and no other placement was found: it is sought no more."""
+    doubted_at: float = -inf
+    """s: when its ranges contradicted it last."""
     contradicted: bool = False
     """Whether it is the reference and its ranges contradict it: then nobody is registered."""
     progress: float = 0.0

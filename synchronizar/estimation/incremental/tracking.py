@@ -563,6 +563,10 @@ class Tracking:
         for slot in slots:
             self._put(slot)
         self.members.pop(user)
+        if any(held for (u, _), (_, held) in self._held.items() if u == user):
+            # It was the one that all were beside: from now on that is who is there longest.
+            slot, left = next((n, us) for n, us in self.follower.slots.items() if any(u != user for u in us))
+            self._hold(next(u for u in left if u != user), slot, True)
         self.follower.drop_user(user)
         self._stamps = {key: value for key, value in self._stamps.items() if key[0] != user}
         self._states = {key: value for key, value in self._states.items() if key[0] != user}

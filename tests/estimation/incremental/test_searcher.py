@@ -44,9 +44,8 @@ def ended(searcher: Searcher) -> Found | None:
 
 
 def process_of(searcher: Searcher) -> int:
-    assert searcher._pool is not None
-    (pid,) = searcher._pool._processes
-    return int(pid)
+    assert searcher._process is not None
+    return searcher._process.pid
 
 
 def is_alive(pid: int) -> bool:
