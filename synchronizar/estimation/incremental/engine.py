@@ -293,7 +293,8 @@ class Engine:
         m = self.parameters
         begin = self.now - m.incremental.window
         since = [self.standings[u].since for u in self._sought()]
-        longest = 2.0 * m.incremental.window if self.tracking.members else m.search.first_stretch
+        known = any(self.standings[u].proven for u in self.tracking.members)
+        longest = 2.0 * m.incremental.window if known else m.search.first_stretch
         return min([begin, *(max(s, self.now - longest) for s in since if s is not None)])
 
     def _begin_search(self) -> None:
@@ -441,7 +442,12 @@ class Engine:
         state, reason = own.verdict.state, own.verdict.reason
         follows = user in self.tracking.members
         standing.progress = own.progress
-        if state is State.REGISTERED and follows and self._elsewhere(user, placed):
+        elsewhere = (
+            follows
+            and self._elsewhere(user, placed)
+            and self._gain_elsewhere(user, found) > self.parameters.integrity.cost_excluded
+        )
+        if state is State.REGISTERED and elsewhere:
             self._unfollow(user)
             follows = False
         m = self.parameters.integrity
@@ -459,7 +465,7 @@ class Engine:
             standing.contradicted = False
         else:
             standing.registered_at, standing.proven = None, False
-            if follows and (own.verdict.state is State.AMBIGUOUS or not own.single or self._elsewhere(user, placed)):
+            if follows and (own.verdict.state is State.AMBIGUOUS or not own.single or elsewhere):
                 self._unfollow(user)
                 follows = False
             if state is not State.UNOBSERVABLE or own.verdict.state is not State.REGISTERED:
