@@ -98,14 +98,12 @@ def assess_calibrated(
     static = np.array([user.static for user in graph.users])
     variances = np.where(static[:, None] & (np.arange(3) != BIAS), np.nan, own.calibrations)
     heights = best.states.anchor_poses[:, 2] - best.states.anchor_poses[graph.reference, 2]
-    drifted = () if graph.marginal_prior is None else graph.marginal_prior.users  # heights moved since their prior
     found: list[Verdict | None] = []
     for u, verdict in enumerate(assessed.verdicts):
         if verdict is not None:
             verdict = with_calibration(verdict, variances[u], parameters)
-            if u not in drifted:
-                sigma = float(np.sqrt(graph.prior_variances(u)[2]))
-                verdict = with_height(verdict, float(heights[u]), sigma, parameters)
+            sigma = float(np.sqrt(graph.prior_variances(u)[2]))
+            verdict = with_height(verdict, float(heights[u]), sigma, parameters)
         found.append(verdict)
     # States are judged beside the reference as it is now, errors told in the frame of its first pose: what the optima
     # differ by adds to both.
