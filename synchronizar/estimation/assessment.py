@@ -11,7 +11,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
-from synchronizar.graph.marginals import Marginals, marginals
+from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States
 from synchronizar.parameters import Parameters
@@ -83,13 +83,11 @@ def assess(
     )
 
 
-def assess_calibrated(
-    optima: list[LocalOptimum], registered: Collection[int] = (), of_best: Marginals | None = None
-) -> Assessment:
-    """The assessment under the full model; `of_best` are the best optimum's marginals where they are known already."""
+def assess_calibrated(optima: list[LocalOptimum], registered: Collection[int] = ()) -> Assessment:
+    """The assessment under the full model."""
     best = optima[0]
     graph, parameters = best.graph, best.graph.parameters
-    own = of_best or marginals(graph, best.states, best.em_weights)
+    own = marginals(graph, best.states, best.em_weights)
 
     def relative(s: LocalOptimum) -> Array:
         return (own if s is best else marginals(s.graph, s.states, s.em_weights)).relative
