@@ -171,7 +171,7 @@ void WalkSolver::System::add_gradient(const Where& at, const Block& values) {
 }
 
 WalkSolver::System WalkSolver::zero() const {
-  System out{BorderedEnvelope(sizes_, connected_from_), {}};
+  System out{BorderedEnvelope(sizes_, connected_from_), {}, 0.0, {}};
   for (const int size : sizes_) out.gradient.emplace_back(Eigen::MatrixXd::Zero(size, 1));
   return out;
 }
