@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace synchronizar {
 namespace {
@@ -47,23 +48,32 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
   const double rate = 1.0 / (bursts.mean_duration * (1.0 - share));
   const double typical_odds = share / (1.0 - share);
 
-  // Likelihoods of each range's residual, over the density of a line-of-sight one at 0.
+  // Likelihoods of each range's residual, over the density of a line-of-sight one at 0. Most ranges have the
+  // sigma of the one before.
+  double of_sigma = -1.0;
+  Lengths length, exponent, peak;
   const auto emission = [&](Eigen::Index k) {
     const double e = whitened[k], s = sigma[k] / loss.scale;
+    if (s != of_sigma) {
+      of_sigma = s;
+      const auto per_sigma = static_cast<float>(1.0 / s);
+      const Lengths variance = ladder.variance * (per_sigma * per_sigma) + 1.0F;
+      length = ladder.length * per_sigma;
+      exponent = -0.5F / variance;
+      peak = variance.rsqrt();
+    }
     Emission out;
     const double early = e > 0.0 ? loss.background(e, {sigma[k], 0.0}) / (1.0 + e * e * s * s) : 0.0;
     out.inlier = static_cast<float>(std::exp(-0.5 * e * e) + early + kLeast);
-    const auto per_sigma = static_cast<float>(1.0 / s);
-    const Lengths variance = ladder.variance * (per_sigma * per_sigma) + 1.0F;
-    const Lengths off = static_cast<float>(e) + ladder.length * per_sigma;
-    out.nlos = ((-0.5F * off.square() / variance).exp() * variance.rsqrt() + static_cast<float>(kLeast)) *
+    const Lengths off = static_cast<float>(e) + length;
+    out.nlos = ((exponent * off.square()).exp() * peak + static_cast<float>(kLeast)) *
                static_cast<float>(nlos_odds[k] / typical_odds);
     return out;
   };
   struct Step {
     float keeps, to_nlos, keeps_length;
   };
-  const auto step = [&](Eigen::Index k) {  // from range k - 1 to range k
+  const auto step_to = [&](Eigen::Index k) {  // from range k - 1
     const double dt = t[k] - t[k - 1];
     const double keeps = std::exp(-rate * dt);
     return Step{static_cast<float>(keeps), static_cast<float>(share * (1.0 - keeps)),
@@ -73,11 +83,13 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
   // Forward: the state probabilities of each range given those before it.
   Eigen::Array<float, 1 + kLengths, Eigen::Dynamic> ahead(1 + kLengths, n), emitted(1 + kLengths, n);
   BurstOdds out{Column(n), 0.0};
+  std::vector<Step> steps(static_cast<size_t>(n));
+  double likelihood = 1.0;  // of the ranges whose logarithm has not been taken yet
   auto inlier = static_cast<float>(1.0 - share);
   Lengths nlos = static_cast<float>(share) * ladder.prior;
   for (Eigen::Index k = 0; k < n; ++k) {
     if (k > 0) {
-      const Step s = step(k);
+      const Step s = steps[static_cast<size_t>(k)] = step_to(k);
       const float was_nlos = nlos.sum();
       const float stays_nlos = (s.to_nlos + s.keeps) * was_nlos;
       const float newly_nlos = s.to_nlos * inlier;
@@ -93,10 +105,16 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
     inlier *= here.inlier;
     nlos *= here.nlos;
     const float sum = inlier + nlos.sum();
-    out.cost -= std::log(static_cast<double>(sum));
+    likelihood *= static_cast<double>(sum);
+    if (!(likelihood > 1e-200 && likelihood < 1e200)) {
+      out.cost -= std::log(likelihood);
+      likelihood = 1.0;
+    }
     inlier /= sum;
     nlos /= sum;
   }
+
+  out.cost -= std::log(likelihood);
 
   // Backward: the likelihood of the ranges after each one, given its state.
   float after_inlier = 1.0F;
@@ -111,7 +129,7 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
     const double odds = is_nlos / std::max(is_inlier, 1e-30) / nlos_by_loss;
     out.nlos_odds[k] = std::clamp(odds, kLeast, 1.0 / kLeast);
     if (k == 0) break;
-    const Step s = step(k);
+    const Step& s = steps[static_cast<size_t>(k)];
     const float inlier_next = here.inlier * after_inlier;
     const Lengths nlos_next = here.nlos * after_nlos;
     const float drawn = (ladder.prior * nlos_next).sum();

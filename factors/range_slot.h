@@ -12,6 +12,7 @@
 // user's columns are well scaled, however far it is from the origin.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -77,36 +78,78 @@ template <int kColumns>
 using SquaresOf = Eigen::Matrix<double, 2 * kColumns + 1, 2 * kColumns + 1>;
 using PairSquares = SquaresOf<kOwnColumns>;
 
-// Add the squared row of one range; the range's height curvature (1/m^2) is returned.
+// Rows of one pair have the direction and the bias in both users' columns, so that their squares are summed
+// by fewer numbers: direction (3), both yaws, both scales and clocks, bias, residual.
+template <int kColumns>
+class RowSquares {
+  static_assert(kColumns == 4 || kColumns == kOwnColumns);
+
+ public:
+  static constexpr int kNumbers = kColumns == 4 ? 6 : 11;
+  using Row = Eigen::Matrix<double, kNumbers, 1>;
+
+  void clear() { sum_.setZero(); }
+
+  void add(const Row& row, double weight) { sum_.noalias() += (weight * row) * row.transpose(); }
+
+  // By the columns of both users.
+  SquaresOf<kColumns> of_columns() const {
+    SquaresOf<kColumns> out;
+    for (int b = 0; b < 2 * kColumns + 1; ++b) {
+      const int column = number(b);
+      for (int a = 0; a < 2 * kColumns + 1; ++a) out(a, b) = sign(a) * sign(b) * sum_(number(a), column);
+    }
+    return out;
+  }
+
+ private:
+  static constexpr int number(int column) {
+    constexpr std::array<int, 9> kPlaces{0, 1, 2, 3, 0, 1, 2, 4, 5};
+    constexpr std::array<int, 15> kAll{0, 1, 2, 3, 5, 9, 6, 0, 1, 2, 4, 7, 9, 8, 10};
+    if constexpr (kColumns == 4) return kPlaces[static_cast<size_t>(column)];
+    return kAll[static_cast<size_t>(column) % kAll.size()];
+  }
+  static constexpr double sign(int column) {
+    return column >= kColumns && column < kColumns + 3 ? -1.0 : 1.0;
+  }
+
+  Eigen::Matrix<double, kNumbers, kNumbers> sum_ = Eigen::Matrix<double, kNumbers, kNumbers>::Zero();
+};
+
+// What one range adds to a cost: its loss, and its height curvature (1/m^2).
+struct RangeTerms {
+  double loss, height_curvature;
+};
+
+// Add the squared row of one range.
 template <int kColumns, class Kind>
-double add_range(SquaresOf<kColumns>& squares, const Kind& kind, double annealing, const DeviceAtKeyframe& i,
-                 const DeviceAtKeyframe& j, const Antenna& a_i, const Antenna& a_j, double measured,
-                 const RangeTraits& traits, double range_weight) {
+RangeTerms add_range(RowSquares<kColumns>& squares, const Kind& kind, double annealing,
+                     const DeviceAtKeyframe& i, const DeviceAtKeyframe& j, const Antenna& a_i,
+                     const Antenna& a_j, double measured, const RangeTraits& traits, double range_weight) {
   const Vector3 arm_i = i.arm(a_i), arm_j = j.arm(a_j);
   const Line line(i.place() + arm_i, j.place() + arm_j);
   const double e = (line.distance + i.range_bias() + j.range_bias() - measured) / traits.sigma;
   const LossValue value = annealed(kind, annealing, e, traits);
   const double root = curvature_root(value);
-  if (root == 0.0) return 0.0;
+  if (root == 0.0) return {range_weight * value.rho, 0.0};
   const double slope = value.weight * e;
   const Vector3& d = line.direction;
-  Eigen::Matrix<double, 2 * kColumns + 1, 1> row;
-  row.template segment<3>(0) = d;
+  constexpr int kResidual = RowSquares<kColumns>::kNumbers - 1;
+  typename RowSquares<kColumns>::Row row;
+  row.template head<3>() = d;
   row[3] = d.y() * arm_i.x() - d.x() * arm_i.y();
-  row.template segment<3>(kColumns) = -d;
-  row[kColumns + 3] = d.x() * arm_j.y() - d.y() * arm_j.x();
+  row[4] = d.x() * arm_j.y() - d.y() * arm_j.x();
   if constexpr (kColumns == kOwnColumns) {
-    row[4] = i.scale() * d.dot(i.turned(a_i.offset));
-    row[5] = 1.0;
+    row[5] = i.scale() * d.dot(i.turned(a_i.offset));
     row[6] = d.dot(i.turned(a_i.velocity));
-    row[11] = -j.scale() * d.dot(j.turned(a_j.offset));
-    row[12] = 1.0;
-    row[13] = -d.dot(j.turned(a_j.velocity));
+    row[7] = -j.scale() * d.dot(j.turned(a_j.offset));
+    row[8] = -d.dot(j.turned(a_j.velocity));
+    row[9] = 1.0;
   }
-  row.template head<2 * kColumns>() *= root / traits.sigma;
-  row[2 * kColumns] = slope / root;
-  squares.noalias() += range_weight * row * row.transpose();
-  return range_weight * line.height_curvature(slope / traits.sigma);
+  row.template head<kResidual>() *= root / traits.sigma;
+  row[kResidual] = slope / root;
+  squares.add(row, range_weight);
+  return {range_weight * value.rho, range_weight * line.height_curvature(slope / traits.sigma)};
 }
 
 class RangeSlot {

@@ -171,7 +171,7 @@ void WalkSolver::System::add_gradient(const Where& at, const Block& values) {
 }
 
 WalkSolver::System WalkSolver::zero() const {
-  System out{BorderedEnvelope(sizes_, connected_from_), {}};
+  System out{BorderedEnvelope(sizes_, connected_from_), {}, 0.0, {}};
   for (const int size : sizes_) out.gradient.emplace_back(Eigen::MatrixXd::Zero(size, 1));
   return out;
 }
@@ -179,6 +179,27 @@ WalkSolver::System WalkSolver::zero() const {
 double WalkSolver::height_by_scale(int keyframe, const WalkStates& states) const {
   if (!walks_.calibrated || keyframe_at_[static_cast<size_t>(keyframe)].group >= 0) return 0.0;
   return std::exp(states.calibration(user_[keyframe], 0)) * walks_.slam(keyframe, 2);
+}
+
+void WalkSolver::bend(System& system, const Bend& by, const WalkStates& states) const {
+  // The variable by which each end's height moves, and how far.
+  const auto height_of = [&](int key) -> std::pair<Where, double> {
+    Where at = keyframe_at_[static_cast<size_t>(key)];
+    double moves = 1.0;
+    if (at.group >= 0) {
+      at.offset += 2;
+    } else if (walks_.calibrated) {
+      at = device_at_[static_cast<size_t>(user_[key])];
+      moves = height_by_scale(key, states);
+    }
+    return {at, moves};
+  };
+  const auto [i, by_i] = height_of(by.key_i);
+  const auto [j, by_j] = height_of(by.key_j);
+  using One = Eigen::Matrix<double, 1, 1>;
+  system.add(i, i, One(by.information * by_i * by_i));
+  system.add(j, j, One(by.information * by_j * by_j));
+  system.add(i, j, One(-by.information * by_i * by_j));
 }
 
 double WalkSolver::height_of_origin(int user, const WalkStates& states) const {
@@ -236,31 +257,28 @@ Column WalkSolver::residuals(const WalkStates& states, const Column& assumed_clo
 
 template <int kColumns>
 void WalkSolver::add_ranges(System& system, const WalkStates& states, const WalkNoise& noise,
-                            const Loss& loss, const Column* height_curvature, Bending bending) const {
+                            const Loss& loss, const Column* height_curvature) const {
   const auto at = devices(states, noise.assumed_clock);
   const Eigen::Index n = walks_.measured.size();
-  SquaresOf<kColumns> squares;
+  RowSquares<kColumns> sum;
   std::visit(
       [&](const auto& kind) {
         for (Eigen::Index begin = 0, end = 0; begin < n; begin = end) {
           // A run of ranges between the same two keyframes.
           const int key_i = walks_.keyframe_i[begin], key_j = walks_.keyframe_j[begin];
           const DeviceAtKeyframe &i = at[static_cast<size_t>(key_i)], &j = at[static_cast<size_t>(key_j)];
-          squares.setZero();
+          sum.clear();
           double height_information = 0.0, replaced = 0.0;
           for (; end < n && walks_.keyframe_i[end] == key_i && walks_.keyframe_j[end] == key_j; ++end) {
-            height_information += add_range<kColumns>(
-                squares, kind, loss.annealing, i, j, walks_.i.at(end), walks_.j.at(end), walks_.measured[end],
+            const RangeTerms terms = add_range<kColumns>(
+                sum, kind, loss.annealing, i, j, walks_.i.at(end), walks_.j.at(end), walks_.measured[end],
                 {walks_.sigma[end], noise.nlos_odds[end]}, noise.range_weight[end]);
+            system.cost += terms.loss;
+            height_information += terms.height_curvature;
             if (height_curvature != nullptr) replaced += (*height_curvature)[end];
           }
           if (height_curvature != nullptr) height_information = replaced;
-          if (height_information > 0.0 || bending == Bending::kAny) {
-            squares(2, 2) += height_information;
-            squares(kColumns + 2, kColumns + 2) += height_information;
-            squares(2, kColumns + 2) -= height_information;
-            squares(kColumns + 2, 2) -= height_information;
-          }
+          SquaresOf<kColumns> squares = sum.of_columns();
           using Columns = std::array<std::pair<Where, int>, 2>;
           const Columns places{{{keyframe_at_[static_cast<size_t>(key_i)], 0},
                                 {keyframe_at_[static_cast<size_t>(key_j)], kColumns}}};
@@ -289,6 +307,12 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
             system.add_gradient(a, squares.template block<4, 1>(row, 2 * kColumns));
           }
           system.add(places[0].first, places[1].first, squares.template block<4, 4>(0, kColumns));
+          const Bend by{key_i, key_j, height_information};
+          if (height_information > 0.0) {
+            bend(system, by, states);
+          } else if (height_information < 0.0) {
+            system.downwards.push_back(by);
+          }
         }
       },
       loss.kind);
@@ -453,26 +477,29 @@ double WalkSolver::cost(const WalkStates& states, const WalkNoise& noise, const 
 }
 
 WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                          Bending bending, const Column* height_curvature,
+                                          const Column* height_curvature,
                                           const Marks* without_steps_to) const {
   System out = zero();
   if (walks_.calibrated) {
-    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature, bending);
+    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature);
   } else {
-    add_ranges<4>(out, states, noise, loss, height_curvature, bending);
+    add_ranges<4>(out, states, noise, loss, height_curvature);
   }
   add_priors(out, states, noise);
+  out.cost += prior_cost(states, noise);
   for (int n = 1; n < states.places.rows(); ++n) {
     const bool is_step = user_[n] == user_[n - 1];
     if (is_step && (without_steps_to == nullptr || !(*without_steps_to)[n])) {
-      add(out, step_to(n, states, noise.step_sigma.row(n)));
+      const Step step = step_to(n, states, noise.step_sigma.row(n));
+      out.cost += 0.5 * step.residual.squaredNorm();
+      add(out, step);
     }
   }
   return out;
 }
 
 WalkStates WalkSolver::gradient(const WalkStates& states, const WalkNoise& noise, const Loss& loss) const {
-  const System system = linearized(states, noise, loss, Bending::kPositive);
+  const System system = linearized(states, noise, loss);
   WalkStates out{WalkPlaces::Zero(states.places.rows(), 4), ThreeColumns::Zero(walks_.users, 3)};
   for (Eigen::Index n = 0; n < states.places.rows(); ++n) {
     const Where& at = keyframe_at_[static_cast<size_t>(n)];
@@ -491,14 +518,22 @@ WalkStates WalkSolver::gradient(const WalkStates& states, const WalkNoise& noise
 
 WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const Loss& loss, int steps,
                                 double gain) const {
-  double here = cost(states, noise, loss);
+  if (steps == 0) return states;
+  System system = linearized(states, noise, loss);
   for (int n = 0; n < steps; ++n) {
-    System system = linearized(states, noise, loss, Bending::kAny);
-    // Where the cost bends downwards its bending is left out; where rounding does, the step is damped.
+    const double here = system.cost;
+    // Where bends make the matrix indefinite they are left out; where rounding does, the step is damped.
+    bool solvable = false;
+    if (!system.downwards.empty()) {
+      BorderedEnvelope without = system.matrix;
+      for (const Bend& by : system.downwards) bend(system, by, states);
+      solvable = system.matrix.factorize();
+      if (!solvable) system.matrix = std::move(without);
+    }
     double damping = 0.0;
-    while (!system.matrix.factorize()) {
+    while (!solvable && !system.matrix.factorize()) {
       if (damping > 1.0) return states;
-      system = linearized(states, noise, loss, Bending::kPositive);
+      system = linearized(states, noise, loss);
       system.matrix.damp(1.0 + damping);
       damping = 1e3 * std::max(damping, 1e-13);
     }
@@ -511,12 +546,14 @@ WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const
     double length = 1.0;
     while (true) {
       WalkStates candidate = moved(states, step, -length);
-      const double there = cost(candidate, noise, loss);
-      if (here - there > kSufficient * length * predicted) {
-        const double gained = here - there;
+      // Full steps are mostly taken: where they lead is linearised at once.
+      const bool at_once = length == 1.0 && n + 1 < steps;
+      if (at_once) system = linearized(candidate, noise, loss);
+      const double gained = here - (at_once ? system.cost : cost(candidate, noise, loss));
+      if (gained > kSufficient * length * predicted) {
         states = std::move(candidate);
-        here = there;
-        if (gained < gain) return states;
+        if (gained < gain || n + 1 == steps) return states;
+        if (!at_once) system = linearized(states, noise, loss);
         break;
       }
       length *= kShorter;
@@ -528,7 +565,7 @@ WalkStates WalkSolver::optimize(WalkStates states, const WalkNoise& noise, const
 
 Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                        const Column& height_curvature, const Numbers& keyframes) const {
-  System system = linearized(states, noise, loss, Bending::kPositive, &height_curvature, nullptr);
+  System system = linearized(states, noise, loss, &height_curvature, nullptr);
   std::vector<std::pair<Where, int>> wanted;  // and how many numbers each has
   for (const int n : keyframes) wanted.emplace_back(keyframe_at_[static_cast<size_t>(n)], 4);
   if (walks_.calibrated) {
@@ -548,7 +585,7 @@ Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise
   // Where it is singular to rounding, what is not known gets a large covariance all the same.
   double damping = 1e-12;
   while (!system.matrix.factorize() && damping < 1.0) {
-    system = linearized(states, noise, loss, Bending::kPositive, &height_curvature);
+    system = linearized(states, noise, loss, &height_curvature);
     system.matrix.damp(1.0 + damping);
     damping *= 1e2;
   }
@@ -622,7 +659,7 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
 
 Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                        const Marks& counted, double weight, int rounds) const {
-  const System others = linearized(states, noise, loss, Bending::kPositive, nullptr, &counted);
+  const System others = linearized(states, noise, loss, nullptr, &counted);
   Eigen::MatrixXd factors = Eigen::MatrixXd::Ones(walks_.users, 2);
   const auto step_with = [&](int n, double place, double heading) {
     return step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(Vector3(place, 1.0, heading)));

@@ -130,10 +130,19 @@ class WalkSolver {
   struct Where {
     int group = -1, offset = 0;
   };
-  // The normal equations: the cost is near its value here plus gradient' d + d' matrix d / 2.
+  // Height curvature (1/m^2) of a run of ranges between two keyframes.
+  struct Bend {
+    int key_i, key_j;
+    double information;
+  };
+  // The normal equations: the cost is near its value here, which is `cost`, plus gradient' d + d' matrix d
+  // / 2. `downwards` are bends that are negative and not in the matrix: with them it is nearer to the cost's
+  // second derivatives, but may be indefinite.
   struct System {
     BorderedEnvelope matrix;
     BorderedEnvelope::Sides gradient;
+    double cost = 0.0;
+    std::vector<Bend> downwards;
 
     template <class Block>
     void add(const Where& a, const Where& b, const Block& values);
@@ -143,15 +152,12 @@ class WalkSolver {
   struct Step;
 
   System zero() const;
-  // Which height curvature of runs of ranges between two keyframes is taken: with that of either sign the
-  // matrix is nearer to the cost's second derivatives, but may be indefinite.
-  enum class Bending : std::uint8_t { kPositive, kAny };
-
-  System linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss, Bending bending,
+  System linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                     const Column* height_curvature = nullptr, const Marks* without_steps_to = nullptr) const;
   template <int kColumns>  // seven a user, or the places' four where calibrations are no variables
   void add_ranges(System& system, const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                  const Column* height_curvature, Bending bending) const;
+                  const Column* height_curvature) const;
+  void bend(System& system, const Bend& by, const WalkStates& states) const;
   void add_priors(System& system, const WalkStates& states, const WalkNoise& noise) const;
   void add(System& system, const Step& step) const;
   Step step_to(int keyframe, const WalkStates& states, const Vector3& sigma) const;

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiments.common.optimize import optimize
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
@@ -150,9 +149,7 @@ def _maximum_likelihood(graph: PoseGraph, walks: States) -> States:
     for _ in range(_ROUNDS):
         before = walks.calibration[:, CLOCK].copy()
         graph = graph.with_antennas_at(before)
-        factors = graph.factors(about, judgement)
-        values = optimize(factors, graph.values(walks), graph.ordering(), 100, 1e-6)
-        walks = graph.states(values, walks)
+        walks = graph.optimised(walks, about, judgement, annealing=1.0, iterations=100, gain=1e-6)
         if np.abs(walks.calibration[:, CLOCK] - before).max() < _SAME_CLOCK:
             break
     return walks

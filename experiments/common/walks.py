@@ -9,7 +9,6 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from experiments.common.optimize import optimize
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.register import register
@@ -56,12 +55,11 @@ def oracle(simulation: Simulation, reference: str, model: Parameters) -> Oracle:
 
     rigid = graph_of(samples)
     start, weights = rigid.initial_states(truth), rigid.initial_em_weights()
-    factors = rigid.factors(truth, weights)
-    found = optimize(factors, rigid.values(start), rigid.ordering(), iterations=200, gain=1e-9)
+    found = rigid.optimised(start, truth, weights, annealing=1.0, iterations=200, gain=1e-9)
     # The information that the ranges have by themselves: that of ranges without noise, at the truth.
     ideal = graph_of(replace(samples, distance=samples.distance + rigid.residuals(start)))
     variances = np.diagonal(marginals(ideal, start, weights).relative, axis1=1, axis2=2)
-    return Oracle(difference(rigid.states(found, start).anchor_poses, truth), np.sqrt(variances))
+    return Oracle(difference(found.anchor_poses, truth), np.sqrt(variances))
 
 
 class Beside(NamedTuple):

@@ -37,6 +37,7 @@ from synchronizar.data.recording import Recording
 from synchronizar.estimation.initialisation import joint_placements
 from synchronizar.estimation.register import register
 from synchronizar.graph import keys
+from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
 from synchronizar.graph.rigid_graph import RigidGraph
@@ -57,13 +58,14 @@ def rigid_row(users: int, ranges: int) -> dict[str, Any]:
     problem = Problem.of(recording, 0, Parameters())
     samples = problem.measurements
     lonely = RigidGraph(problem.with_measurements(samples[:0]), np.zeros((users, 3)))
+    form = GtsamForm(lonely)
 
     def search() -> Array:
         return joint_placements(problem)[0].frames
 
     start = search()
-    priors = lonely.factors(start, lonely.initial_em_weights())
-    values = lonely.values(lonely.initial_states(start))
+    priors = form.factors(start, lonely.initial_em_weights())
+    values = form.values(lonely.initial_states(start))
     ends: list[UserKeys | FixedUser] = [
         FixedUser(UserPose()),
         *(UserKeys(keys.frame(u), keys.height(u)) for u in problem.free),

@@ -11,7 +11,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
-from synchronizar.graph.marginals import Marginals, marginals
+from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States
 from synchronizar.parameters import Parameters
@@ -83,13 +83,11 @@ def assess(
     )
 
 
-def assess_calibrated(
-    optima: list[LocalOptimum], registered: Collection[int] = (), of_best: Marginals | None = None
-) -> Assessment:
-    """The assessment under the full model; `of_best` are the best optimum's marginals where they are known already."""
+def assess_calibrated(optima: list[LocalOptimum], registered: Collection[int] = ()) -> Assessment:
+    """The assessment under the full model."""
     best = optima[0]
     graph, parameters = best.graph, best.graph.parameters
-    own = of_best or marginals(graph, best.states, best.em_weights)
+    own = marginals(graph, best.states, best.em_weights)
 
     def relative(s: LocalOptimum) -> Array:
         return (own if s is best else marginals(s.graph, s.states, s.em_weights)).relative
@@ -98,14 +96,12 @@ def assess_calibrated(
     static = np.array([user.static for user in graph.users])
     variances = np.where(static[:, None] & (np.arange(3) != BIAS), np.nan, own.calibrations)
     heights = best.states.anchor_poses[:, 2] - best.states.anchor_poses[graph.reference, 2]
-    drifted = () if graph.marginal_prior is None else graph.marginal_prior.users  # heights moved since their prior
     found: list[Verdict | None] = []
     for u, verdict in enumerate(assessed.verdicts):
         if verdict is not None:
             verdict = with_calibration(verdict, variances[u], parameters)
-            if u not in drifted:
-                sigma = float(np.sqrt(graph.prior_variances(u)[2]))
-                verdict = with_height(verdict, float(heights[u]), sigma, parameters)
+            sigma = float(np.sqrt(graph.prior_variances(u)[2]))
+            verdict = with_height(verdict, float(heights[u]), sigma, parameters)
         found.append(verdict)
     # States are judged beside the reference as it is now, errors told in the frame of its first pose: what the optima
     # differ by adds to both.

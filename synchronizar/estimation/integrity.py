@@ -95,8 +95,8 @@ def nearness(best: Hypothesis, user: int, static: bool, extent: Array, parameter
     in_plane = parameters.integrity.largest_error / np.sqrt(-2.0 * np.log(parameters.integrity.wrong_share))
     in_line = normal.inv_cdf(1.0 - 0.5 * parameters.integrity.wrong_share)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
-    plane, _ = _largest_spread(covariance, yaw, extent, [0, 1])
-    height, _ = _largest_spread(covariance, yaw, extent, [2])
+    plane, _ = _spread_in_plane(covariance, yaw, extent)
+    height = float(np.sqrt(max(covariance[2, 2], 0.0)))
     ratios = [in_plane / max(plane, _LEAST), parameters.integrity.largest_error / in_line / max(height, _LEAST)]
     if not static:
         ratios.append(parameters.integrity.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
@@ -112,8 +112,8 @@ def _state(
     """
     in_plane, in_height, in_heading = _wrong_probabilities(best, user, extent, parameters)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
-    plane, plane_error = _largest_spread(covariance, yaw, extent, [0, 1])
-    height, height_error = _largest_spread(covariance, yaw, extent, [2])
+    plane, plane_error = _spread_in_plane(covariance, yaw, extent)
+    height = float(np.sqrt(max(covariance[2, 2], 0.0)))
     if not static and in_heading > wrong_share:
         direction = covariance[3] / np.linalg.norm(covariance[3])
         heading = np.sqrt(covariance[3, 3])
@@ -123,7 +123,8 @@ def _state(
         reason = f"its place along {where:.0f} deg is known to {plane:.2f} m only (1 sigma)"
         return State.UNOBSERVABLE, reason, plane_error
     if in_height > wrong_share:
-        return State.UNOBSERVABLE, f"its height is known to {height:.2f} m only (1 sigma)", height_error
+        direction = covariance[2] / np.linalg.norm(covariance[2])
+        return State.UNOBSERVABLE, f"its height is known to {height:.2f} m only (1 sigma)", direction
     return State.REGISTERED, f"its place is known to {max(plane, height):.2f} m (1 sigma)", None
 
 
@@ -144,7 +145,7 @@ def _wrong_probabilities(
         off = (places(frames, own) - mean_points)[0]
         margin = max(limit - float(np.hypot(off[:, 0], off[:, 1]).max()), 0.0)
         plane += component.weight * _beyond_in_plane(margin, *_axes(covariance, frames[0, 3], extent))
-        sigma, _ = _largest_spread(covariance, frames[0, 3], extent, [2])
+        sigma = float(np.sqrt(max(covariance[2, 2], 0.0)))
         height += component.weight * _beyond(limit, off[0, 2], sigma)
         yaw_error = wrap_angle(float(frames[0, 3] - best.frames[user, 3]))
         heading += component.weight * _beyond(
@@ -172,28 +173,28 @@ def _beyond_in_plane(limit: float, long: float, short: float) -> float:
 
 def _axes(covariance: Array, yaw: float, extent: Array) -> tuple[float, float]:
     """1 sigma (m), long and short axis, of the horizontal error ellipse of the extent point with the longest axis."""
-    jacobians = _extent_jacobians(yaw, extent)[:, :2]
+    jacobians = _extent_jacobians(yaw, extent)
     variances = np.linalg.eigvalsh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     short, long = np.sqrt(np.maximum(variances[np.argmax(variances[:, 1])], 0.0)).tolist()
     return long, short
 
 
 def _extent_jacobians(yaw: float, extent: Array) -> Array:
-    """(c, 3, 4) derivatives of the extent points (c, 3) in the common frame by x, y, z, yaw of the user's frame."""
+    """(c, 2, 4) derivatives of the extent points' x and y in the common frame by x, y, z, yaw of the user's frame."""
     c, s = np.cos(yaw), np.sin(yaw)
-    x, y = c * extent[:, 0] - s * extent[:, 1], s * extent[:, 0] + c * extent[:, 1]
-    jacobians = np.zeros((len(extent), 3, 4))
-    jacobians[:, :3, :3] = np.eye(3)
-    jacobians[:, 0, 3], jacobians[:, 1, 3] = -y, x
+    jacobians = np.zeros((len(extent), 2, 4))
+    jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
+    jacobians[:, 0, 3] = -s * extent[:, 0] - c * extent[:, 1]
+    jacobians[:, 1, 3] = c * extent[:, 0] - s * extent[:, 1]
     return jacobians
 
 
-def _largest_spread(covariance: Array, yaw: float, extent: Array, axes: list[int]) -> tuple[float, Array]:
-    """The largest 1 sigma (m) of any extent point (c, 3) in these axes of the common frame.
+def _spread_in_plane(covariance: Array, yaw: float, extent: Array) -> tuple[float, Array]:
+    """The largest horizontal 1 sigma (m) of any extent point (c, 3).
 
     And the unit vector (4,) of errors in x, y, z, yaw that go with it.
     """
-    jacobians = _extent_jacobians(yaw, extent)[:, axes]
+    jacobians = _extent_jacobians(yaw, extent)
     variances, directions = np.linalg.eigh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     worst = int(np.argmax(variances[:, -1]))
     error = covariance @ jacobians[worst].T @ directions[worst, :, -1]

@@ -13,7 +13,7 @@ from synchronizar.data.registration import Registration
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import assess
 from synchronizar.estimation.local_optima import excluded_above, find_optima
-from synchronizar.estimation.residual_statistics import residual_statistics
+from synchronizar.estimation.residual_statistics import inflations
 from synchronizar.estimation.segments import starts_of
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import LocalOptimum
@@ -38,34 +38,31 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     best = optima[0]
     optima = [s for s in optima if s.cost <= best.cost + excluded_above(best)]
     inflation = _inflation(best)
-    limit = parameters.integrity.systematic_inflation
-    systematic = {u for u, factor in inflation.items() if factor > limit}
+    systematic = np.flatnonzero(inflation > parameters.integrity.systematic_inflation).tolist()
     assessed = assess(optima, partial(_inflated, inflation=inflation), systematic)
     own = OwnFrames(np.ones(k), np.zeros(k), anchors, np.append(anchors[reference], 0.0), np.zeros(3))
     seconds = {"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched}
     return registration_of(assessed, own, recording.users[reference].name, len(recording.ranges), seconds)
 
 
-def _inflation(best: LocalOptimum) -> dict[int, float]:
-    """By how much each user's covariance is larger than noise alone would make it (residual_statistics.py)."""
+def _inflation(best: LocalOptimum) -> Array:
+    """(k,) by how much each user's covariance is larger than noise alone would make it (residual_statistics.py)."""
     graph = best.graph
-    weight, inlier_probability = graph.inlier_probability(best.states, best.em_weights)
+    weight, _ = graph.inlier_probability(best.states, best.em_weights)
     weight, residual = weight / graph.sigma**2, graph.residuals(best.states)
-    ranges, pieces = graph.to_rigid_ranges(best.states), graph.parameters.integrity.residual_pieces
-    return {
-        u: residual_statistics(ranges, best.frames, residual, weight, inlier_probability, u, pieces).inflation
-        for u in graph.free
-    }
+    pieces = graph.parameters.integrity.residual_pieces
+    return inflations(graph.to_rigid_ranges(best.states), best.frames, residual, weight, pieces)
 
 
-def _inflated(optimum: LocalOptimum, inflation: dict[int, float]) -> Array:
+def _inflated(optimum: LocalOptimum, inflation: Array) -> Array:
     """Covariances (k, 4, 4) beside the reference, the ranges' information divided by `inflation`, priors' kept.
 
     With the information H = R + P of ranges and priors, and scores of covariance f R + P, the sandwich
     H^-1 (f R + P) H^-1 is f H^-1 - (f - 1) H^-1 P H^-1; no number is known worse than before any range.
     """
     out = marginals(optimum.graph, optimum.states, optimum.em_weights).relative
-    for u, factor in inflation.items():
+    for u in optimum.graph.free:
+        factor = float(inflation[u])
         variances = optimum.graph.prior_variances(u)
         prior = 1.0 / variances
         prior[3] /= len(optimum.graph.free)  # all headings share one

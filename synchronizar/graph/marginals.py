@@ -7,11 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.cooperative import Cooperative, finish
-from synchronizar.geometry import relative_to, rotation_2d
-from synchronizar.graph import keys
-from synchronizar.graph.marginal_prior import MarginalPrior
-from synchronizar.graph.optimization import reduced
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import SCALE, States
 from synchronizar.preprocessing.range_measurements import mean_by_pair, pair_bounds
@@ -42,14 +37,9 @@ class Errors(NamedTuple):
 
 def marginals(graph: PoseGraph, states: States, em_weights: EmWeights) -> Marginals:
     """The marginals at the states, which are to be a local optimum."""
-    return marginals_of(graph, states, finish(errors_of(graph, states, em_weights)))
-
-
-def marginals_of(graph: PoseGraph, states: States, sources: Errors) -> Marginals:
-    """The marginals from the square roots that `errors_of` returns."""
     k = len(graph.users)
     relative, calibrations = np.full((k, 4, 4), np.nan), np.full((k, 3), np.nan)
-    errors, of_calibrations = sources
+    errors, of_calibrations = _errors(graph, states, em_weights)
     now, reference = graph.last_poses(states), graph.reference
     of_poses = np.full((k, 6, errors[reference].shape[1]), np.nan)
     for u in graph.active_users:
@@ -62,35 +52,11 @@ def marginals_of(graph: PoseGraph, states: States, sources: Errors) -> Marginals
     return Marginals(joint[np.arange(k), :, np.arange(k)], relative, joint, calibrations)
 
 
-def marginalized(graph: PoseGraph, states: States, sources: Errors, own_height: Array) -> MarginalPrior:
-    """The marginal prior of a graph that begins at the last keyframes; relative to the reference's last keyframe.
-
-    `own_height` (k,) SLAM units: height of each last keyframe in its user's own frame, as it was before any jump.
-    """
-    errors, of_calibrations = sources
-    now, reference = graph.last_poses(states), graph.reference
-    above = np.exp(states.calibration[:, SCALE]) * own_height
-    to_reference = rotation_2d(-float(now[reference, 3]))
-    rows = []
-    for u in graph.free:
-        relative_error = _relative_errors(now[reference], errors[reference][:4], now[u], errors[u][:4])
-        height = relative_error[2] - above[u] * errors[u][4] + above[reference] * errors[reference][4]
-        rows += [*(to_reference @ relative_error[:2]), relative_error[3], height]
-    rows += [row for u in graph.active_users for row in of_calibrations[u]]
-    root = np.array(rows)
-    frames = relative_to(now, reference)
-    frames[:, 2] += above[reference] - above
-    return MarginalPrior(list(graph.active_users), reference, frames, states.calibration.copy(), root @ root.T)
-
-
-def errors_of(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooperative[Errors]:
-    """Square roots of the joint covariance at the states, as a cooperative task.
+def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
+    """Square roots of the joint covariance at the states.
 
     Laplace's method: the covariance is the inverse of the cost's second derivatives.
     """
-    if graph.marginal_prior is not None:
-        return (yield from _errors_in_frames(graph, states, em_weights))
-    yield
     walks, calibrated = graph.walks, bool(graph.calibrations)
     k, first, last = len(walks.users), walks.first[:-1], walks.first[1:] - 1
     wanted, at = np.unique(np.concatenate([first, last]), return_inverse=True)
@@ -140,37 +106,6 @@ def _with_negative_curvature(heights: Array, negative_curvature: Array) -> Array
     return np.asarray(vectors / np.sqrt(np.maximum(eigenvalues, 0.1)))
 
 
-def _errors_in_frames(graph: PoseGraph, states: States, em_weights: EmWeights) -> Cooperative[Errors]:
-    """The same by gtsam's factors; where its Cholesky fails, a QR of the whole Jacobian takes its place."""
-    last_keys = [
-        key
-        for u in graph.active_users
-        if (last := len(graph.keyframes[u]) - 1) > 0
-        for key in (keys.pose(u, last), keys.local_height(u, last))
-    ]
-    height_curvature = graph.height_curvature(states, em_weights)
-    linear = yield from graph.linearizing(states, em_weights, _mean_curvature(graph, height_curvature))
-    yield
-    others, kept = list(graph.keyframe_keys(set(last_keys))), [*graph.shared_keys(), *last_keys]
-    try:
-        jacobian = reduced(linear, others, kept)
-    except RuntimeError:  # too near to singular for gtsam's Cholesky: the QR below takes all columns
-        kept = [*kept, *others]
-        jacobian, _ = linear.jacobian(keys.ordering(kept))
-    # The system may be nearly singular: columns are normalised, and a QR avoids the normal equations.
-    size = np.linalg.norm(jacobian, axis=0)
-    root = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r")) / size[:, None]
-    rows_of = dict(zip(kept, keys.rows(kept), strict=True))
-    heights = root[[rows_of[keys.height(u)].start for u in graph.free]]
-    root = root @ _with_negative_curvature(heights, _negative_curvature(graph, height_curvature))
-    none = np.zeros((5, root.shape[1]))
-    errors = {
-        u: sum((by @ root[rows_of[key]] for key, by in _last_pose_jacobians(graph, states, u).items()), none)
-        for u in graph.active_users
-    }
-    return Errors(errors, {u: root[rows_of[keys.calibration(u)]] for u in graph.calibrations})
-
-
 def _mean_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
     """(n,) 1/m^2: the mean height curvature of each pair's ranges where it is positive, 0 elsewhere."""
     bounds = pair_bounds(graph.measurements)
@@ -186,33 +121,6 @@ def _negative_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
     for at, value in (((i, i), negative), ((j, j), negative), ((i, j), -negative), ((j, i), -negative)):
         np.add.at(out, at, value)
     return out[np.ix_(graph.free, graph.free)]
-
-
-def _last_pose_jacobians(graph: PoseGraph, states: States, user: int) -> dict[int, Array]:
-    """Jacobians (5, d) of x, y, z, yaw of the last keyframe and of log scale, by each variable that they depend on."""
-    x, y, z, chi = states.keyframe_poses[user][-1]
-    yaw, scale = states.anchor_poses[user, 3], float(np.exp(states.calibration[user, SCALE]))
-    arm = scale * rotation_2d(yaw) @ np.array([x, y])
-    out = {}
-    if user in graph.calibrations:
-        by_calibration = np.zeros((5, 3))
-        by_calibration[:3, SCALE] = *arm, scale * z
-        by_calibration[4, SCALE] = 1.0
-        out[keys.calibration(user)] = by_calibration
-    if user != graph.reference:
-        by_frame = np.zeros((5, 3))
-        by_frame[:2, :2] = rotation_2d(yaw)
-        by_frame[:4, 2] = -arm[1], arm[0], 0.0, 1.0
-        out[keys.frame(user)] = by_frame
-        out[keys.height(user)] = np.eye(5)[:, 2:3]
-    last = len(graph.keyframes[user]) - 1
-    if last > 0:
-        by_pose = np.zeros((5, 3))
-        by_pose[:2, :2] = scale * rotation_2d(yaw + chi)
-        by_pose[3, 2] = 1.0
-        out[keys.pose(user, last)] = by_pose
-        out[keys.local_height(user, last)] = scale * np.eye(5)[:, 2:3]
-    return out
 
 
 def _relative_errors(reference: Array, error_of_reference: Array, pose: Array, error: Array) -> Array:

@@ -7,27 +7,21 @@ steps are the odometry factors between keyframes; range factors connect the user
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
-import gtsam
 import numpy as np
 
-from synchronizar._core import NlosMixture, RangeSlot, WalkNoise, burst_nlos_odds_of_pairs, mixture_terms
+from synchronizar._core import NlosMixture, WalkNoise, burst_nlos_odds_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices
-from synchronizar.cooperative import Cooperative, finish
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, wrap_angle
-from synchronizar.graph import keys
-from synchronizar.graph.marginal_prior import MarginalPrior
-from synchronizar.graph.optimization import optimizing
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.problem import Problem
-from synchronizar.graph.range_factors import CalibratedUserKeys, PoseCache, RangeSlotFactor
 from synchronizar.graph.states import CLOCK, SCALE, States, slam_states, steps, to_rigid_ranges
 from synchronizar.graph.walks import Walks
 from synchronizar.parameters import Parameters
@@ -75,25 +69,17 @@ class LocalOptimum(NamedTuple):
 class PoseGraph:
     """The anchored pose graph of a problem's n range measurements at given keyframes. No method changes it."""
 
-    def __init__(self, problem: Problem, keyframes: list[Keyframes], marginal_prior: MarginalPrior | None = None):
-        """`keyframes` of all k users.
-
-        `marginal_prior` is the Gaussian that earlier ranges leave on some users' anchors and calibrations.
-        """
-        self.problem, self.keyframes, self.marginal_prior = problem, keyframes, marginal_prior
+    def __init__(self, problem: Problem, keyframes: list[Keyframes]):
+        """`keyframes` of all k users."""
+        self.problem, self.keyframes = problem, keyframes
         measurements, parameters = problem.measurements, problem.parameters
-        active_users, reference = problem.active_users, problem.reference
-        self.calibrations = active_users
-        """Whose devices are variables."""
-        known = [] if marginal_prior is None else marginal_prior.users
-        # Users without a marginal prior; and users whose heights have the prior about the mean height.
-        self._new = [u for u in active_users if u not in known]
-        self._prior_height_users = active_users if marginal_prior is None else [reference, *self._new]
+        self.calibrations = problem.active_users
+        """Whose devices are variables: all of them, or none."""
         self.sigma = np.hypot(measurements.sigma, parameters.ranges.multipath_sigma)
         self._gain = _GAIN + _GAIN_A_RANGE * len(measurements)
         self.loss: NlosMixture = nlos_mixture(parameters)
-        self._height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
-        self._pose_cache = PoseCache()
+        self.height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
+        """(k,) m: of each origin about the mean level."""
         self._read_antennas(np.zeros(len(self.users)))
 
     @property
@@ -126,7 +112,7 @@ class PoseGraph:
         """The model's noise, priors and thresholds."""
         return self.problem.parameters
 
-    def _drifting(self) -> list[int]:
+    def drifting(self) -> list[int]:
         """The users that have steps."""
         return [u for u in self.active_users if len(self.keyframes[u]) > 1]
 
@@ -143,8 +129,8 @@ class PoseGraph:
     def _read_antennas(self, clock_offset: Array) -> None:
         """Set what depends on the clock offsets (k,) s, in a graph that nobody else holds yet."""
         recording, s = self.problem.recording, self.measurements
-        self._clock = clock_offset.copy()
-        self._ends: tuple[RangeEnds, RangeEnds] = (
+        self.assumed_clock = clock_offset.copy()
+        self.ends: tuple[RangeEnds, RangeEnds] = (
             range_ends(recording, s, s.i, self.keyframes, clock_offset),
             range_ends(recording, s, s.j, self.keyframes, clock_offset),
         )
@@ -166,18 +152,20 @@ class PoseGraph:
     def residuals(self, states: States) -> Array:
         """(n,) m, predicted minus measured."""
         walks = self.walks
-        return walks.solver.residuals(walks.places(states), states.calibration[walks.users], self._clock[walks.users])
+        return walks.solver.residuals(
+            walks.places(states), states.calibration[walks.users], self.assumed_clock[walks.users]
+        )
 
     @cached_property
     def walks(self) -> Walks:
         """The walks as the core's solver has them."""
-        s, (i, j) = self.measurements, self._ends
+        s, (i, j) = self.measurements, self.ends
         users = self.active_users
         return Walks.of(
             users,
             self.reference,
             [self.keyframes[u].place - self.keyframes[u].anchor for u in users],
-            [self.keyframes[u].t - self._clock[u] for u in users],
+            [self.keyframes[u].t - self.assumed_clock[u] for u in users],
             bool(self.calibrations),
             (s.i, s.j, s.distance, self.sigma),
             (i.keyframe, j.keyframe),
@@ -199,21 +187,21 @@ class PoseGraph:
             np.concatenate(of_users),
             about[users],
             m.priors.place_sigma,
-            self._yaw_sigma,
-            self._height_sigma[users],
+            self.yaw_sigma,
+            self.height_sigma[users],
             own / weight[users],
             common / weight[-1],
-            self._clock[users],
+            self.assumed_clock[users],
         )
 
     @property
-    def _yaw_sigma(self) -> float:
+    def yaw_sigma(self) -> float:
         """All users may turn about the reference together: their k priors on that turn must weigh as much as one."""
         return float(self.parameters.priors.yaw_sigma * np.sqrt(max(len(self.free), 1)))
 
     def to_rigid_ranges(self, states: States) -> RangeMeasurements:
         """The ranges for a rigid model: antennas corrected for drift, scale and clock, distances for radio bias."""
-        return replace(to_rigid_ranges(self.measurements, states, self._ends, self._clock), sigma=self.sigma)
+        return replace(to_rigid_ranges(self.measurements, states, self.ends, self.assumed_clock), sigma=self.sigma)
 
     def rigid_problem(self, states: States) -> Problem:
         """The problem of a rigid model at these states: the same users with `to_rigid_ranges`."""
@@ -261,7 +249,7 @@ class PoseGraph:
         odds, chains = burst_nlos_odds_of_pairs(bounds, s.t, whitened, self.sigma, s.nlos_odds, self.loss, bursts_of(m))
         cost = float(chains @ mean_by_pair(before.range_weight, bounds))
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
-        for u in self._drifting():
+        for u in self.drifting():
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)
             weights[u], tail = _student(squares, m.slam.drift_dof, 4)
             cost += tail
@@ -270,7 +258,7 @@ class PoseGraph:
         )
         return EmWeights(odds, before.range_weight, weights, calibration_weight), cost + tail + self._height_cost(
             states.anchor_poses
-        ) + self._marginal_prior_cost(states)
+        )
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
         """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
@@ -287,35 +275,30 @@ class PoseGraph:
     def _calibration_weights(self, states: States, before: EmWeights) -> tuple[Array, float]:
         """Weights (k + 1, 3) of the device calibrations, the last row of the shared one, and their cost."""
         own, common = calibration_sigmas(self.parameters)
-        shared = self._shared_calibration(states, before.calibration_weight)
+        shared = self.shared_calibration(states, before.calibration_weight)
         squares = np.zeros((len(self.users) + 1, 3))
-        squares[self._new] = ((states.calibration[self._new] - shared) / own) ** 2
+        squares[self.active_users] = ((states.calibration[self.active_users] - shared) / own) ** 2
         squares[-1] = (shared / common) ** 2
         return _student(squares, calibration_dof(self.parameters), 1)
 
-    def _shared_calibration(self, states: States, calibration_weight: Array) -> Array:
+    def shared_calibration(self, states: States, calibration_weight: Array) -> Array:
         """(3,) the most likely shared calibration, given weights (k + 1, 3)."""
         own, common = calibration_sigmas(self.parameters)
-        weight = calibration_weight[self._new] / own**2
+        weight = calibration_weight[self.active_users] / own**2
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
-        return np.asarray((weight * states.calibration[self._new]).sum(axis=0) / total)
+        return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)
 
     def _height_cost(self, frames: Array) -> float:
-        heights, weight = frames[self._prior_height_users, 2], self._height_sigma[self._prior_height_users] ** -2
-        mean = self._mean_height(frames)
+        heights, weight = frames[self.active_users, 2], self.height_sigma[self.active_users] ** -2
+        mean = self.mean_height(frames)
         return 0.5 * float((weight * (heights - mean) ** 2).sum())
 
-    def _mean_height(self, frames: Array) -> float:
+    def mean_height(self, frames: Array) -> float:
         """The most likely mean height (m) of the origins, at anchor poses (k, 4)."""
-        weight = self._height_sigma[self._prior_height_users] ** -2
-        return float(weight @ frames[self._prior_height_users, 2] / weight.sum())
+        weight = self.height_sigma[self.active_users] ** -2
+        return float(weight @ frames[self.active_users, 2] / weight.sum())
 
-    def _marginal_prior_cost(self, states: States) -> float:
-        if self.marginal_prior is None:
-            return 0.0
-        return float(self.marginal_prior.factor(self._clock).error(self._shared_values(states)))
-
-    # The graph
+    # Optimisation
 
     def run_em(
         self,
@@ -332,241 +315,38 @@ class PoseGraph:
         lowers the cost by less than the graph's gain, or after `rounds`; or when, after a round, the states are `known`
         (the cost returned is then that before it) or cost more than `hopeless`.
         """
-        return finish(self.running_em(states, em_weights, rounds, annealing, known=known, hopeless=hopeless))
-
-    def running_em(
-        self,
-        states: States,
-        em_weights: EmWeights,
-        rounds: int,
-        annealing: float = 1.0,
-        steps_a_round: int = _ITERATIONS,
-        known: Callable[[States], bool] | None = None,
-        hopeless: float = np.inf,
-    ) -> Cooperative[LocalOptimum]:
-        """`run_em` as a cooperative task; near an optimum fewer `steps_a_round` are enough."""
         graph, about, before, gain = self, states.anchor_poses, np.inf, self._gain
         for _ in range(rounds):
-            if np.abs(states.calibration[:, CLOCK] - graph._clock).max() > _STALE_CLOCK:
+            if np.abs(states.calibration[:, CLOCK] - graph.assumed_clock).max() > _STALE_CLOCK:
                 graph = graph.with_antennas_at(states.calibration[:, CLOCK])
-                yield
             if known is not None and before < np.inf and known(states):
                 return LocalOptimum(graph, states, em_weights, before)
             em_weights, cost = graph.e_step(states, em_weights)
             if before - cost < gain or hopeless < cost < before < np.inf:
                 return LocalOptimum(graph, states, em_weights, cost)
             before = cost
-            states = yield from graph._optimizing(states, about, em_weights, annealing, steps_a_round, 0.25 * gain)
-            yield
+            states = graph.optimised(states, about, em_weights, annealing, _ITERATIONS, 0.25 * gain)
         em_weights, cost = graph.e_step(states, em_weights)
         return LocalOptimum(graph, states, em_weights, cost)
 
-    def _optimizing(
+    def optimised(
         self, states: States, about: Array, em_weights: EmWeights, annealing: float, iterations: int, gain: float
-    ) -> Cooperative[States]:
-        """The states after at most so many Gauss-Newton steps, until one gains less than `gain`."""
-        if self.marginal_prior is None:
-            walks = self.walks
-            places, calibration = walks.solver.optimize(
-                walks.places(states),
-                states.calibration[walks.users],
-                self.walk_noise(about, em_weights),
-                self.loss,
-                annealing,
-                iterations,
-                gain,
-            )
-            return walks.states(places, calibration, states)
-        factors = self.factors(about, em_weights, annealing)
-        yield
-        values, ordering = self.values(states), self.ordering()
-        values = yield from optimizing(factors, values, ordering, iterations, gain, self._pose_cache)
-        return self.states(values, states)
+    ) -> States:
+        """The states after at most so many Gauss-Newton steps, until one gains less than `gain`.
 
-    def factors(
-        self, about: Array, em_weights: EmWeights, annealing: float = 1.0, height_curvature: Array | None = None
-    ) -> gtsam.NonlinearFactorGraph:
-        """Priors, SLAM's steps and ranges; the wide priors of position and yaw are centred on frames (k, 4).
-
-        `annealing` >= 1 widens the loss; `height_curvature` (n,) 1/m^2 replaces the ranges' own.
+        `annealing` >= 1 widens the loss; the wide priors of position and yaw are centred on frames `about` (k, 4).
         """
-        graph = gtsam.NonlinearFactorGraph()
-        self._add_priors(graph, about, em_weights)
-        for u in self._drifting():
-            self.add_steps(graph, u, em_weights.step_weight[u])
-        self._add_ranges(graph, em_weights, annealing, height_curvature)
-        return graph
-
-    def _add_ranges(
-        self, graph: gtsam.NonlinearFactorGraph, em_weights: EmWeights, annealing: float, height_curvature: Array | None
-    ) -> None:
-        s, (i, j) = self.measurements, self._ends
-        # A slot is the time between two neighbouring boundaries of anybody's: within it each user is at one keyframe.
-        boundaries = np.unique(np.concatenate([self.keyframes[u].until for u in self.active_users]))
-        slot = np.searchsorted(boundaries, s.t)
-        order = np.argsort(slot, kind="stable")
-        number = np.zeros(len(self.users), dtype=np.int32)
-        for k in np.split(order, np.flatnonzero(np.diff(slot[order])) + 1) if len(s) else []:
-            users = np.union1d(s.i[k], s.j[k])
-            number[users] = np.arange(len(users))
-            keyframe = np.zeros(len(self.users), dtype=np.int32)
-            keyframe[s.i[k]], keyframe[s.j[k]] = i.keyframe[k], j.keyframe[k]
-            of_slot = RangeSlot(
-                len(users),
-                number[s.i[k]],
-                number[s.j[k]],
-                (i.offset[k], i.lever[k], i.velocity[k]),
-                (j.offset[k], j.lever[k], j.velocity[k]),
-                s.distance[k],
-                self.sigma[k],
-                em_weights.nlos_odds[k],
-                em_weights.range_weight[k],
-            )
-            curvature = None
-            if height_curvature is not None:
-                pair = {of_pair: n for n, of_pair in enumerate(of_slot.pairs)}
-                which = [pair[a, b] for a, b in zip(number[s.i[k]].tolist(), number[s.j[k]].tolist(), strict=True)]
-                curvature = np.bincount(which, height_curvature[k], len(pair)).astype(float)
-            keys_of = [self.keys(u, int(keyframe[u])) for u in users.tolist()]
-            graph.add(RangeSlotFactor(keys_of, of_slot, self.loss, annealing, self._pose_cache, curvature))
-
-    def linearizing(
-        self, states: States, em_weights: EmWeights, height_curvature: Array | None = None
-    ) -> Cooperative[gtsam.GaussianFactorGraph]:
-        """All factors linearised at the states, as a cooperative task."""
-        factors = self.factors(states.anchor_poses, em_weights, height_curvature=height_curvature)
-        yield
-        values = self.values(states)
-        yield
-        self._pose_cache.hold(values)
-        linear = factors.linearize(values)
-        self._pose_cache.hold(None)
-        return linear
-
-    def _add_priors(self, graph: gtsam.NonlinearFactorGraph, about: Array, em_weights: EmWeights) -> None:
-        m, noise = self.parameters, gtsam.noiseModel
-        wide = noise.Diagonal.Sigmas(np.array([m.priors.place_sigma, m.priors.place_sigma, self._yaw_sigma]))
-        if self.marginal_prior is not None:
-            graph.add(self.marginal_prior.factor(self._clock))
-        for u in self.free:
-            if u not in self._new:
-                continue
-            x, y, _, yaw = about[u].tolist()
-            graph.addPriorPose2(keys.frame(u), gtsam.Pose2(x, y, yaw), wide)
-            graph.add(
-                gtsam.BetweenFactorDouble(
-                    keys.MEAN_HEIGHT, keys.height(u), 0.0, noise.Isotropic.Sigma(1, self._height_sigma[u])
-                )
-            )
-        if self.calibrations:
-            self._add_calibration_priors(graph, em_weights)
-        graph.addPriorDouble(keys.MEAN_HEIGHT, 0.0, noise.Isotropic.Sigma(1, self._height_sigma[self.reference]))
-
-    def _add_calibration_priors(self, graph: gtsam.NonlinearFactorGraph, em_weights: EmWeights) -> None:
-        noise = gtsam.noiseModel
-        own, common = calibration_sigmas(self.parameters)
-        weight = np.sqrt(em_weights.calibration_weight)
-        for u in self._new:
-            difference = np.array([0.0, 0.0, -self._clock[u]])
-            graph.add(
-                gtsam.BetweenFactorVector(
-                    keys.SHARED_CALIBRATION, keys.calibration(u), difference, noise.Diagonal.Sigmas(own / weight[u])
-                )
-            )
-        graph.addPriorVector(keys.SHARED_CALIBRATION, np.zeros(3), noise.Diagonal.Sigmas(common / weight[-1]))
-
-    def add_steps(self, graph: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:
-        """Add the odometry factors of a user's SLAM steps; the first step starts at a fixed keyframe."""
-        noise, frames = gtsam.noiseModel, self.keyframes[user]
-        sigmas = frames.step_sigma / np.sqrt(weight)[:, None]
-        slam_steps = np.diff(frames.place - frames.anchor, axis=0).tolist()
-        for n, ((x, y, z), (plane, up, turn)) in enumerate(zip(slam_steps, sigmas.tolist(), strict=True)):
-            planar, vertical = noise.Diagonal.Sigmas(np.array([plane, plane, turn])), noise.Isotropic.Sigma(1, up)
-            if n == 0:
-                graph.addPriorPose2(keys.pose(user, 1), gtsam.Pose2(x, y, 0.0), planar)
-                graph.addPriorDouble(keys.local_height(user, 1), float(frames.place[0, 2]) + z, vertical)
-            else:
-                here, there = keys.pose(user, n), keys.pose(user, n + 1)
-                graph.add(gtsam.BetweenFactorPose2(here, there, gtsam.Pose2(x, y, 0.0), planar))
-                here, there = keys.local_height(user, n), keys.local_height(user, n + 1)
-                graph.add(gtsam.BetweenFactorDouble(here, there, z, vertical))
-
-    def keys(self, user: int, keyframe: int) -> CalibratedUserKeys:
-        """Keys of a user at a keyframe; the reference's frame and every user's first keyframe are fixed."""
-        free, first = user != self.reference, keyframe == 0
-        return CalibratedUserKeys(
-            keys.frame(user) if free else None,
-            keys.height(user) if free else None,
-            None if first else keys.pose(user, keyframe),
-            None if first else keys.local_height(user, keyframe),
-            keys.calibration(user),
-            held_local=(0.0, 0.0, 0.0, float(self.keyframes[user].place[0, 2])),
+        walks = self.walks
+        places, calibration = walks.solver.optimize(
+            walks.places(states),
+            states.calibration[walks.users],
+            self.walk_noise(about, em_weights),
+            self.loss,
+            annealing,
+            iterations,
+            gain,
         )
-
-    def ordering(self) -> gtsam.Ordering:
-        """Elimination ordering: keyframes by time, then what they share, which makes a banded matrix with a border."""
-        return keys.ordering([*self.keyframe_keys(set()), *self.shared_keys()])
-
-    def keyframe_keys(self, without: set[int]) -> Iterator[int]:
-        """Keys of all free keyframes except those in `without`, by time."""
-        stamps = [
-            (t - self._clock[u], u, n + 1)
-            for u in self.active_users
-            for n, t in enumerate(self.keyframes[u].t[1:].tolist())
-        ]
-        for _, u, n in sorted(stamps):
-            for key in (keys.pose(u, n), keys.local_height(u, n)):
-                if key not in without:
-                    yield key
-
-    def shared_keys(self) -> list[int]:
-        """Keys of frames, heights, calibrations, the shared calibration and the mean height."""
-        frames = [key for u in self.free for key in (keys.frame(u), keys.height(u))]
-        calibrations = (
-            [*(keys.calibration(u) for u in self.calibrations), keys.SHARED_CALIBRATION] if self.calibrations else []
-        )
-        return [*frames, *calibrations, keys.MEAN_HEIGHT]
-
-    def values(self, states: States) -> gtsam.Values:
-        """The states as gtsam values."""
-        values = self._shared_values(states)
-        for u in self.active_users:
-            for n, (x, y, z, yaw) in enumerate(states.keyframe_poses[u].tolist()):
-                if n > 0:
-                    values.insert(keys.pose(u, n), gtsam.Pose2(x, y, yaw))
-                    values.insert(keys.local_height(u, n), z)
-        return values
-
-    def _shared_values(self, states: States) -> gtsam.Values:
-        """The states as gtsam values, `shared_keys` only."""
-        values = gtsam.Values()
-        for u in self.active_users:
-            if u != self.reference:
-                x, y, z, yaw = states.anchor_poses[u].tolist()
-                values.insert(keys.frame(u), gtsam.Pose2(x, y, yaw))
-                values.insert(keys.height(u), z)
-        for u in self.calibrations:
-            values.insert(keys.calibration(u), states.calibration[u] - np.array([0.0, 0.0, self._clock[u]]))
-        if self.calibrations:
-            values.insert(keys.SHARED_CALIBRATION, self._shared_calibration(states, np.ones((len(self.users) + 1, 3))))
-        values.insert(keys.MEAN_HEIGHT, self._mean_height(states.anchor_poses))
-        return values
-
-    def states(self, values: gtsam.Values, before: States) -> States:
-        """The states at these gtsam values; variables that are not in them keep their value in `before`."""
-        frames, calibration = before.anchor_poses.copy(), before.calibration.copy()
-        keyframe_poses = [of_user.copy() for of_user in before.keyframe_poses]
-        for u in self.active_users:
-            if u != self.reference:
-                at = values.atPose2(keys.frame(u))
-                frames[u] = at.x(), at.y(), values.atDouble(keys.height(u)), at.theta()
-            for n in range(1, len(keyframe_poses[u])):
-                at = values.atPose2(keys.pose(u, n))
-                keyframe_poses[u][n] = at.x(), at.y(), values.atDouble(keys.local_height(u, n)), at.theta()
-        for u in self.calibrations:
-            calibration[u] = values.atVector(keys.calibration(u))
-            calibration[u, CLOCK] += self._clock[u]
-        return States(frames, keyframe_poses, calibration)
+        return walks.states(places, calibration, states)
 
     def last_poses(self, states: States) -> Array:
         """(k, 4) x, y, z (m), yaw (rad) of each user's last keyframe in the common frame; the yaw is of SLAM's axes."""
@@ -581,7 +361,7 @@ class PoseGraph:
     def prior_variances(self, user: int) -> Array:
         """(4,) prior variances of x, y, z (m^2) and yaw (rad^2) relative to the reference."""
         m = self.parameters
-        height = self._height_sigma[user] ** 2 + self._height_sigma[self.reference] ** 2
+        height = self.height_sigma[user] ** 2 + self.height_sigma[self.reference] ** 2
         return np.array([m.priors.place_sigma**2, m.priors.place_sigma**2, height, m.priors.yaw_sigma**2])
 
 

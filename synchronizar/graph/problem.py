@@ -50,12 +50,6 @@ class Problem:
         active_users = connected(chosen, len(self.users), self.reference)
         return replace(self, measurements=chosen[np.isin(chosen.i, active_users)], active_users=active_users)
 
-    def among(self, users: list[int]) -> Problem:
-        """The same with the active users that are among `users` alone, and the ranges between these."""
-        left, ranges = [u for u in self.active_users if u in users], self.measurements
-        between = np.isin(ranges.i, left) & np.isin(ranges.j, left)
-        return replace(self, measurements=ranges[between], active_users=left)
-
     def with_measurements(self, measurements: RangeMeasurements) -> Problem:
         """The same users with other ranges between them."""
         return replace(self, measurements=measurements)

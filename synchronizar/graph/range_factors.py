@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import gtsam
@@ -141,23 +142,15 @@ class RangeBlockFactor(gtsam.CustomFactor):
         super().__init__(_BLOCK_NOISE, i.keys() + j.keys(), error)
 
 
+_WIDTHS = (3, 1, 3, 1, 3)  # of the columns of frame, height, keyframe, its height, calibration
+_FRAMES_ALONE_WIDTHS = (3, 1, 0, 0, 3)
+
+
 @cache
-def _columns(present: tuple[bool, ...], offset: int) -> list[slice]:
-    bounds = [(0, 3), (3, 4), (4, 7), (7, 8), (8, 11)]
-    return [slice(offset + a, offset + b) for there, (a, b) in zip(present, bounds, strict=True) if there]
-
-
-def _read(
-    values: gtsam.Values, pose: int | None, height: int | None, held: tuple[float, float, float, float]
-) -> tuple[float, float, float, float]:
-    """x, y, yaw, height at these values; held where there is no key."""
-    x, y, yaw, z = held
-    if pose is not None:
-        at = values.atPose2(pose)
-        x, y, yaw = at.x(), at.y(), at.theta()
-    if height is not None:
-        z = values.atDouble(height)
-    return x, y, yaw, z
+def _columns(present: tuple[bool, ...], offset: int, widths: tuple[int, ...]) -> list[slice]:
+    """The columns of each variable that is present, in a row of the core."""
+    bounds = np.concatenate([[offset], offset + np.cumsum(widths)]).tolist()
+    return [slice(a, b) for there, (a, b) in zip(present, pairwise(bounds), strict=True) if there]
 
 
 class CalibratedUserKeys(NamedTuple):
@@ -184,46 +177,35 @@ class CalibratedUserKeys(NamedTuple):
         """The keys that are not None, in the order of the Jacobians."""
         return [key for key in self[:5] if key is not None]
 
-    def columns(self, offset: int) -> list[slice]:
-        """The columns of each key in a row of the core, whose columns for this user begin at `offset`."""
-        return _columns(tuple(key is not None for key in self[:5]), offset)
+    def columns(self, offset: int, frames_alone: bool = False) -> list[slice]:
+        """The columns of each key in a row of the core, whose columns for this user begin at `offset`.
+
+        `frames_alone` is for rows that have none for keyframes.
+        """
+        widths = _FRAMES_ALONE_WIDTHS if frames_alone else _WIDTHS
+        return _columns(tuple(key is not None for key in self[:5]), offset, widths)
 
     @property
     def at_origin(self) -> bool:
         """Whether the keyframe is no variable and lies at the frame's origin."""
-        return self.pose is None and self.local_height is None and not any(self.held_local)
+        return self.pose is None and self.local_height is None and self.held_local == (0.0, 0.0, 0.0, 0.0)
 
     def read(self, values: gtsam.Values) -> tuple[float, ...]:
         """At these values: the 8 numbers of the user's pose, and the 3 of its device's calibration."""
-        frame = _read(values, self.frame, self.height, self.held_frame)
-        local = _read(values, self.pose, self.local_height, self.held_local)
-        calibration = self.held_calibration if self.calibration is None else values.atVector(self.calibration).tolist()
-        return (*frame, *local, *calibration)
-
-
-class PoseCache:
-    """Cache of users' poses and calibrations at fixed values: many slots share a keyframe.
-
-    It works only for values announced by `hold`; with any others, as in gtsam's own optimisers, everything is read
-    again.
-    """
-
-    def __init__(self) -> None:
-        self._values: gtsam.Values | None = None
-        self._read: dict[CalibratedUserKeys, tuple[float, ...]] = {}
-
-    def hold(self, values: gtsam.Values | None) -> None:
-        """Announce values that do not change until the next call; None announces none."""
-        self._values, self._read = values, {}
-
-    def of(self, keys: CalibratedUserKeys, values: gtsam.Values) -> tuple[float, ...]:
-        """What `keys` read at these values."""
-        if values is not self._values:
-            return keys.read(values)
-        known = self._read.get(keys)
-        if known is None:
-            known = self._read[keys] = keys.read(values)
-        return known
+        frame, height, pose, local_height, device, (x, y, yaw, z), (own_x, own_y, own_yaw, own_z), calibration = self
+        if frame is not None:
+            at = values.atPose2(frame)
+            x, y, yaw = at.x(), at.y(), at.theta()
+        if height is not None:
+            z = values.atDouble(height)
+        if pose is not None:
+            at = values.atPose2(pose)
+            own_x, own_y, own_yaw = at.x(), at.y(), at.theta()
+        if local_height is not None:
+            own_z = values.atDouble(local_height)
+        if device is not None:
+            calibration = values.atVector(device).tolist()
+        return x, y, yaw, z, own_x, own_y, own_yaw, own_z, *calibration
 
 
 class RangeSlotFactor(gtsam.CustomFactor):
@@ -240,38 +222,34 @@ class RangeSlotFactor(gtsam.CustomFactor):
         slot: RangeSlot,
         loss: Loss,
         annealing: float = 1.0,
-        pose_cache: PoseCache | None = None,
         height_curvature: Array | None = None,
+        calibration_units: Array | None = None,
     ) -> None:
-        """`users` as the slot numbers them; `annealing` >= 1 widens the loss; factors may share a `pose_cache`.
+        """`users` as the slot numbers them; `annealing` >= 1 widens the loss.
 
-        `height_curvature` (1/m^2) is that of `RangeSlot.square_root`.
+        `height_curvature` (1/m^2) is that of `RangeSlot.square_root`; `calibration_units` (3,) are what one of each of
+        the calibrations' variables stands for, where it is not 1 (log scale), 1 m and 1 s.
         """
-        read, frames_alone = pose_cache or PoseCache(), all(user.at_origin for user in users)
+        frames_alone = all(user.at_origin for user in users)
         width = 7 if frames_alone else 11
-        columns = [
-            which
-            for n, user in enumerate(users)
-            for which in (_frame_columns(user, width * n) if frames_alone else user.columns(width * n))
-        ]
+        columns = [which for n, user in enumerate(users) for which in user.columns(width * n, frames_alone)]
+        units = None if calibration_units is None else np.concatenate([np.ones(width - 3), calibration_units])
 
         def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-            at = np.array([read.of(user, values) for user in users])
+            at = np.array([user.read(values) for user in users])
+            if calibration_units is not None:
+                at[:, 8:] *= calibration_units
             if jacobians is None:
                 return np.array([np.sqrt(2.0 * slot.cost(at[:, :8], at[:, 8:], loss, annealing))])
             if frames_alone:
                 root = slot.square_root_frames(at[:, :4], at[:, 8:], loss, annealing, height_curvature)
             else:
                 root = slot.square_root(at[:, :8], at[:, 8:], loss, annealing, height_curvature)
+            if units is not None:
+                root[:, :-1] *= np.tile(units, len(users))
             for k, which in enumerate(columns):
                 jacobians[k] = root[:, which]
             return root[:, -1]
 
         of_all = [key for user in users for key in user.keys()]  # noqa: SIM118 - no mapping
         super().__init__(None, of_all, error)  # type: ignore[call-overload]  # gtsam's stubs know no missing model
-
-
-def _frame_columns(user: CalibratedUserKeys, offset: int) -> list[slice]:
-    """The columns of each key in a row of `RangeSlot.square_root_frames`."""
-    bounds = zip((user.frame, user.height, user.calibration), [(0, 3), (3, 4), (4, 7)], strict=True)
-    return [slice(offset + begin, offset + end) for key, (begin, end) in bounds if key is not None]

@@ -8,21 +8,16 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from functools import cached_property
 
-import gtsam
 import numpy as np
 
 from synchronizar._core import RangeBlock, UserPose, search_heights
 from synchronizar.arrays import Array
-from synchronizar.graph import keys
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.problem import Problem
-from synchronizar.graph.range_factors import FixedUser, RangeBlockFactor, UserKeys
 from synchronizar.graph.states import States
-from synchronizar.graph.walks import Walks
 from synchronizar.preprocessing.centering import centered
-from synchronizar.preprocessing.keyframes import standing_at
+from synchronizar.preprocessing.keyframes import RangeEnds, standing_at
 from synchronizar.preprocessing.range_measurements import Pair, RangeMeasurements, pairs
 
 _GAIN = 0.005  # of log likelihood: what gains less changes nothing that could be measured
@@ -32,7 +27,7 @@ class RigidGraph(PoseGraph):
     """The graph of a problem; each user's frame is about its anchor."""
 
     def __init__(self, problem: Problem, anchors: Array):
-        """`anchors` (k, 3) m in the users' own frames."""
+        """`anchors` (k, 3) m in the users' own frames, at height 0."""
         self._about_anchors = centered(problem.measurements, anchors)
         super().__init__(problem, [standing_at(anchor) for anchor in anchors])
         self.calibrations = []
@@ -49,28 +44,15 @@ class RigidGraph(PoseGraph):
         out = copy(self)
         out.problem = self.problem.with_measurements(replace(self.measurements, nlos_odds=nlos_odds))
         out._about_anchors = replace(self._about_anchors, nlos_odds=nlos_odds)
-        out._blocks = self._blocks_with(nlos_odds)
+        out._blocks = [(pair, block.with_nlos_odds(nlos_odds[pair.measurements])) for pair, block in self._blocks]
         return out
 
     def _read_antennas(self, clock_offset: Array) -> None:
         """The measurements have them; clocks are right."""
-        self._clock = np.zeros_like(clock_offset)
-
-    @cached_property
-    def walks(self) -> Walks:
-        """Every user stands at its anchor, and its antennas where its walk led them."""
-        s, users = self._about_anchors, self.active_users
+        s = self._about_anchors
         here, zeros = np.zeros(len(s), dtype=np.int32), np.zeros((len(s), 3))
-        return Walks.of(
-            users,
-            self.reference,
-            [np.zeros((1, 3))] * len(users),
-            [np.zeros(1)] * len(users),
-            False,
-            (s.i, s.j, s.distance, s.sigma),
-            (here, here),
-            ((zeros, s.p_i, zeros), (zeros, s.p_j, zeros)),
-        )
+        self.assumed_clock = np.zeros_like(clock_offset)
+        self.ends = RangeEnds(here, zeros, s.p_i, zeros), RangeEnds(here, zeros, s.p_j, zeros)
 
     def to_rigid_ranges(self, states: States) -> RangeMeasurements:  # noqa: ARG002 - the face of PoseGraph
         """The measurements about the anchors: there is no drift, scale, clock or bias."""
@@ -102,7 +84,7 @@ class RigidGraph(PoseGraph):
         """
         found = search_heights(
             np.nan_to_num(frames),
-            self._height_sigma,
+            self.height_sigma,
             np.isin(np.arange(len(frames)), self.free),
             [(pair.i, pair.j, block) for pair, block in self._blocks],
             self.loss,
@@ -110,23 +92,6 @@ class RigidGraph(PoseGraph):
             self.parameters.search.most_hypotheses,
         )
         return [np.column_stack([frames[:, :2], heights + 0.0 * frames[:, 2], frames[:, 3]]) for heights, _ in found]
-
-    def _blocks_with(self, nlos_odds: Array) -> list[tuple[Pair, RangeBlock]]:
-        return [(pair, block.with_nlos_odds(nlos_odds[pair.measurements])) for pair, block in self._blocks]
-
-    def _add_ranges(
-        self,
-        graph: gtsam.NonlinearFactorGraph,
-        em_weights: EmWeights,
-        annealing: float,
-        height_curvature: Array | None,  # noqa: ARG002 - that of a pair is its one block's own
-    ) -> None:
-        for pair, block in self._blocks_with(em_weights.nlos_odds):
-            graph.add(RangeBlockFactor(self._end(pair.i), self._end(pair.j), block, self.loss, annealing))
-
-    def _end(self, user: int) -> UserKeys | FixedUser:
-        """What a factor is told of a user: its keys, or that it is the reference, which is held."""
-        return FixedUser(UserPose()) if user == self.reference else UserKeys(keys.frame(user), keys.height(user))
 
 
 def _poses(frames: Array) -> list[UserPose]:

@@ -17,6 +17,7 @@ import numpy as np
 from synchronizar._core import RangeSlot
 from synchronizar.arrays import Array
 from synchronizar.graph import keys
+from synchronizar.graph.range_factors import CalibratedUserKeys, RangeSlotFactor
 from synchronizar.graph.states import CLOCK, SCALE
 from synchronizar.parameters import Parameters
 
@@ -180,45 +181,17 @@ def height_prior(user: int, slot: int, height: float, sigma: float) -> gtsam.Pri
     return gtsam.PriorFactorDouble(keys.slot_height(user, slot), height, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
 
 
-class SlotRangeFactor(gtsam.CustomFactor):
-    """All ranges of a slot, between any of its users, as one factor of seven rows a user and one.
+def ranges_factor(
+    slot: int, users: Sequence[int], ranges: RangeSlot, loss: Loss, curvature: Array | None = None
+) -> RangeSlotFactor:
+    """All ranges of a slot, between any of `users`, which are those of `ranges`, in its order.
 
-    As in `RangeSlotFactor`, half the squared norm of the error is the cost, and the linearised rows have the ranges'
-    information.
+    `curvature` (1/m^2), one a pair, is that of `RangeSlot.square_root`.
     """
-
-    def __init__(
-        self, slot: int, users: Sequence[int], ranges: RangeSlot, loss: Loss, curvature: Array | None = None
-    ) -> None:
-        """`users` are those of `ranges`, in its order; `curvature` (1/m^2), one a pair, is that of `RangeSlot`."""
-        poses = [keys.slot_pose(u, slot) for u in users]
-        heights = [keys.slot_height(u, slot) for u in users]
-        calibrations = [keys.slot_calibration(u, slot) for u in users]
-        size = 7 * len(users)
-        rows = size + 1
-
-        def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-            frames, devices = np.empty((len(users), 4)), np.empty((len(users), 3))
-            for n, (pose, height, calibration) in enumerate(zip(poses, heights, calibrations, strict=True)):
-                at = values.atPose2(pose)
-                frames[n] = at.x(), at.y(), at.theta(), values.atDouble(height)
-                devices[n] = values.atVector(calibration)
-            devices *= CALIBRATION_UNITS
-            out = np.zeros(rows)
-            if jacobians is None:
-                local = np.zeros((len(users), 8))
-                local[:, :4] = frames
-                out[0] = np.sqrt(2.0 * ranges.cost(local, devices, loss))
-                return out
-            root = ranges.square_root_frames(frames, devices, loss, height_curvature=curvature)
-            full = np.zeros((rows, size + 1))
-            full[: len(root)] = root
-            for n in range(len(users)):
-                own = full[:, 7 * n : 7 * n + 7]
-                jacobians[3 * n] = own[:, :3]
-                jacobians[3 * n + 1] = own[:, 3:4]
-                jacobians[3 * n + 2] = own[:, 4:] * CALIBRATION_UNITS
-            return full[:, -1]
-
-        names = [key for triple in zip(poses, heights, calibrations, strict=True) for key in triple]
-        super().__init__(gtsam.noiseModel.Unit.Create(rows), names, error)
+    at = [
+        CalibratedUserKeys(
+            keys.slot_pose(u, slot), keys.slot_height(u, slot), None, None, keys.slot_calibration(u, slot)
+        )
+        for u in users
+    ]
+    return RangeSlotFactor(at, ranges, loss, height_curvature=curvature, calibration_units=CALIBRATION_UNITS)

@@ -18,7 +18,7 @@ from synchronizar._core import (
     Squared,
 )
 from synchronizar.arrays import Array
-from synchronizar.graph.range_factors import CalibratedUserKeys, PoseCache, RangeSlotFactor
+from synchronizar.graph.range_factors import CalibratedUserKeys, RangeSlotFactor
 
 if TYPE_CHECKING:
     from synchronizar._core import Loss
@@ -202,37 +202,3 @@ def test_factors_live_as_long_as_their_graph() -> None:
     gc.collect()
     expected = slot_of(10).cost(*read(I_FREE, J_FREE), Squared())
     assert graph.error(values_of(I_FREE.keys() + J_FREE.keys())) == pytest.approx(expected, rel=1e-12)
-
-
-def test_what_is_read_is_kept_while_the_values_are_held() -> None:
-    keys = I_FREE.keys()
-    here, there = values_of(keys), moved(values_of(keys), 20, np.array([5.0, 0.0, 0.0]))
-    at_here, at_there = (I_FREE.read(values) for values in (here, there))
-    assert at_here != at_there
-    pose_cache = PoseCache()
-    assert pose_cache.of(I_FREE, here) == at_here
-    pose_cache.hold(here)
-    assert pose_cache.of(I_FREE, here) is pose_cache.of(I_FREE, here)
-    assert pose_cache.of(I_FREE, here) == at_here
-    # Whoever asks of other values gets those.
-    assert pose_cache.of(I_FREE, there) == at_there
-    pose_cache.hold(there)
-    assert pose_cache.of(I_FREE, there) == at_there
-    pose_cache.hold(None)
-    here.update(20, there.atPose2(20))
-    assert pose_cache.of(I_FREE, here) == at_there
-
-
-def test_factors_that_share_a_reading_are_the_same() -> None:
-    values, pose_cache = values_of(I_FREE.keys() + J_FREE.keys()), PoseCache()
-    alone = RangeSlotFactor([I_FREE, J_FREE], slot_of(20), Squared())
-    pose_cache.hold(values)
-    for _ in range(2):
-        sharing = RangeSlotFactor([I_FREE, J_FREE], slot_of(20), Squared(), pose_cache=pose_cache)
-        graph = gtsam.NonlinearFactorGraph()
-        graph.add(sharing)
-        assert graph.error(values) == alone.error(values)
-        A, b = graph.linearize(values).jacobian()
-        expected_A, expected_b = alone.linearize(values).jacobian()
-        assert np.linalg.norm(A) == pytest.approx(np.linalg.norm(expected_A), rel=1e-12)
-        np.testing.assert_allclose(b, expected_b, rtol=1e-12)

@@ -15,9 +15,9 @@ from synchronizar.graph.slot_factors import (
     CALIBRATION_UNITS,
     Joining,
     SlamStep,
-    SlotRangeFactor,
     calibration_walk_factor,
     joining_prior,
+    ranges_factor,
     step_factor,
 )
 from synchronizar.parameters import Parameters
@@ -84,7 +84,7 @@ class Walk:
         zero, n = np.zeros((len(pairs), 3)), len(pairs)
         own = (zero, zero, zero)
         block = RangeSlot(len(users), i, j, own, own, measured, np.full(n, 0.2), np.full(n, 0.05), np.full(n, weight))
-        return [(("ranges", slot), SlotRangeFactor(slot, users, block, LATE, np.zeros(len(block.pairs))), slot)]
+        return [(("ranges", slot), ranges_factor(slot, users, block, LATE, np.zeros(len(block.pairs))), slot)]
 
     def slots(self, count: int) -> Iterator[tuple[int, list[tuple[int, SlotState]], list[Part]]]:
         """Each slot, the users that it begins for, and its factors."""

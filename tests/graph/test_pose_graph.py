@@ -5,13 +5,14 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from support.solver_scenes import honest_information, pair_bending
+from support.solver_scenes import pair_bending
 
 from synchronizar._core import burst_nlos_odds, mixture_terms
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame, apply_frames, wrap_angle
+from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph, calibration_dof, calibration_sigmas
 from synchronizar.graph.priors import bursts_of, nlos_mixture
@@ -167,7 +168,7 @@ def test_the_graphs_error_is_the_sum_of_its_parts(annealing: float) -> None:
         [random.uniform(0.3, 1.5, len(k.step_sigma)) for k in graph.keyframes],
         np.ones((4, 3)),
     )
-    found = graph.factors(states.anchor_poses, em_weights, annealing).error(graph.values(states))
+    found = GtsamForm(graph).factors(states.anchor_poses, em_weights, annealing).error(GtsamForm(graph).values(states))
     whitened = graph.residuals(states) / graph.sigma / annealing
     ranges = annealing**2 * mixture_terms(whitened, graph.sigma, em_weights.nlos_odds, nlos_mixture(MODEL))[0]
     slam = [0.5 * float(em_weights.step_weight[u] @ (step_errors(graph, states, u) ** 2).sum(axis=1)) for u in range(3)]
@@ -238,7 +239,7 @@ def test_walks_and_values_are_the_same_numbers() -> None:
     states = elsewhere(graph.initial_states(random.normal(0.0, 2.0, (3, 4))), 8, turn=2.0)
     nothing = graph.initial_states(np.full((3, 4), 9.0))
     nothing.anchor_poses[0] = states.anchor_poses[0]
-    assert_same(graph.states(graph.values(states), nothing), states)
+    assert_same(GtsamForm(graph).states(GtsamForm(graph).values(states), nothing), states)
 
 
 def test_a_clock_for_which_antennas_were_read_anew_is_not_lost() -> None:
@@ -248,7 +249,9 @@ def test_a_clock_for_which_antennas_were_read_anew_is_not_lost() -> None:
     device[:, CLOCK] = 0.2, -0.1, 0.3
     states = graph.initial_states(np.zeros((3, 4)), device)
     graph = graph.with_antennas_at(device[:, CLOCK])
-    assert_same(graph.states(graph.values(states), graph.initial_states(np.zeros((3, 4)))), states)
+    assert_same(
+        GtsamForm(graph).states(GtsamForm(graph).values(states), graph.initial_states(np.zeros((3, 4)))), states
+    )
     # The prior is still that of the whole offset.
     em_weights = graph.initial_em_weights()
     other = graph_of(recording)
@@ -259,7 +262,9 @@ def test_a_clock_for_which_antennas_were_read_anew_is_not_lost() -> None:
         )
         for g in (graph, other)
     ]
-    costs = [g.factors(states.anchor_poses, em_weights).error(g.values(states)) for g in (graph, other)]
+    costs = [
+        GtsamForm(g).factors(states.anchor_poses, em_weights).error(GtsamForm(g).values(states)) for g in (graph, other)
+    ]
     assert costs[0] - ranges[0] == pytest.approx(costs[1] - ranges[1], abs=1e-9)
 
 
@@ -279,32 +284,32 @@ def test_an_optimum_has_a_graph_of_its_own_with_antennas_at_its_clocks() -> None
 def test_the_gauge_is_held_and_nothing_else() -> None:
     graph = graph_of(simulate(replace(CLEAN, static_radios=1)).recording)
     states = graph.initial_states(np.zeros((4, 4)))
-    keys = {(chr(gtsam.symbolChr(k)), gtsam.symbolIndex(k)) for k in keys_of(graph.values(states))}
+    keys = {(chr(gtsam.symbolChr(k)), gtsam.symbolIndex(k)) for k in keys_of(GtsamForm(graph).values(states))}
     frames = {(kind, u) for kind in "FH" for u in (1, 2, 3)}
     devices = {("D", u) for u in range(4)} | {("K", 0), ("L", 0)}
     assert {key for key in keys if key[0] in "FHDKL"} == frames | devices
     steps = sum(len(k) - 1 for k in graph.keyframes)
     assert len([key for key in keys if key[0] == "X"]) == len([key for key in keys if key[0] == "Z"]) == steps
     for u in range(4):
-        held, free = graph.keys(u, 0), graph.keys(u, 1)
+        held, free = GtsamForm(graph).keys(u, 0), GtsamForm(graph).keys(u, 1)
         assert (held.pose, held.local_height) == (None, None)
         assert (held.frame is None) == (held.height is None) == (u == 0)
         assert held.held_frame == (0.0, 0.0, 0.0, 0.0)
         np.testing.assert_array_equal(held.held_local, [0.0, 0.0, 0.0, graph.keyframes[u].place[0, 2]])
         assert None not in (free.pose, free.local_height)
     # Every variable is in a factor and in the order of elimination, and no factor knows another.
-    factors = graph.factors(states.anchor_poses, graph.initial_em_weights())
-    ordering = graph.ordering()
+    factors = GtsamForm(graph).factors(states.anchor_poses, graph.initial_em_weights())
+    ordering = GtsamForm(graph).ordering()
     ordered = [ordering.at(n) for n in range(ordering.size())]
     in_factors = {key for n in range(factors.size()) for key in keys_of(factors.at(n))}
-    assert set(keys_of(graph.values(states))) == in_factors == set(ordered)
+    assert set(keys_of(GtsamForm(graph).values(states))) == in_factors == set(ordered)
     assert len(ordered) == len(set(ordered))
 
 
 def test_who_is_not_placed_has_no_keys_and_stays_where_he_was() -> None:
     graph = graph_of(simulate(CLEAN).recording, active_users=(0, 2))
     states = graph.initial_states(np.array([[0.0, 0.0, 0.0, 0.0], [np.nan] * 4, [1.0, 2.0, 0.1, 0.5]]))
-    users = {gtsam.symbolIndex(k) for k in keys_of(graph.values(states)) if chr(gtsam.symbolChr(k)) in "FHD"}
+    users = {gtsam.symbolIndex(k) for k in keys_of(GtsamForm(graph).values(states)) if chr(gtsam.symbolChr(k)) in "FHD"}
     assert users == {0, 2}
     graph, optimum, em_weights, _ = graph.run_em(states, graph.initial_em_weights(), 2)
     assert np.isnan(optimum.anchor_poses[1]).all()
@@ -351,9 +356,9 @@ def test_what_is_settled_costs_no_more_than_what_it_began_with() -> None:
     assert cost < before
     assert graph.e_step(states, em_weights)[1] == pytest.approx(cost)
     # The quadratic model promises no more, and there is nothing left to gain.
-    information, slope = (
-        graph.factors(begun.anchor_poses, em_weights).linearize(graph.values(states)).hessian(graph.ordering())
-    )
+    form = GtsamForm(graph)
+    linear = form.factors(begun.anchor_poses, em_weights).linearize(form.values(states))
+    information, slope = linear.hessian(form.ordering())
     assert 0.5 * slope @ np.linalg.solve(information, slope) < 0.1
     _, again, _, same = graph.run_em(states, em_weights, 5)
     assert same == pytest.approx(cost, abs=0.1)
@@ -463,52 +468,6 @@ def test_many_keyframes_know_no_more_of_a_height_than_few() -> None:
             sigma.append(float(np.sqrt(marginals(graph, states, em_weights).relative[1, 2, 2])))
         ratios.append(sigma[0] / sigma[1])
     np.testing.assert_allclose(ratios, 1.0, atol=0.1)
-
-
-@pytest.mark.parametrize("static_radios", [0, 1])
-def test_covariances_are_those_of_the_whole_graph(static_radios: int) -> None:
-    """A dense inverse of all variables' information, and derivatives of the last poses by finite differences."""
-    simulation = simulate(replace(NOISY, seconds=10.0, static_radios=static_radios))
-    graph = graph_of(simulation.recording)
-    count = 3 + static_radios
-    graph, states, em_weights, _ = graph.run_em(
-        graph.initial_states(true_frames(simulation, graph)), graph.initial_em_weights(), 3
-    )
-    values, ordering = graph.values(states), graph.ordering()
-    keys = [ordering.at(n) for n in range(ordering.size())]
-    em_weights = replace(em_weights, range_weight=np.full(len(graph.measurements), 0.5))
-    information = honest_information(graph, states, em_weights)
-    size = np.sqrt(np.diag(information))
-    covariance = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
-
-    def told(at: gtsam.Values) -> Array:
-        """(k, 9): last poses, log scales, the reference's; and the devices."""
-        there = graph.states(at, states)
-        reference = np.full((count, 1), there.calibration[0, SCALE])
-        return np.column_stack([graph.last_poses(there), there.calibration[:, :1], reference, there.calibration])
-
-    columns, h = [], 1e-6
-    for key in keys:
-        for n in range({"H": 1, "Z": 1, "L": 1}.get(chr(gtsam.symbolChr(key)), 3)):
-            ends = []
-            for side in (h, -h):
-                delta = np.zeros({"H": 1, "Z": 1, "L": 1}.get(chr(gtsam.symbolChr(key)), 3))
-                delta[n] = side
-                step = gtsam.VectorValues()
-                step.insert(key, delta)
-                ends.append(told(values.retract(step)))
-            columns.append((ends[0] - ends[1]) / (2.0 * h))
-    J = np.moveaxis(np.array(columns), 0, -1)
-    expected = J @ covariance @ J.transpose(0, 2, 1)
-    sure = marginals(graph, states, em_weights)
-    for u in range(count):
-        deviation = np.sqrt(np.maximum(np.diag(expected[u])[:6], 1e-12))
-        np.testing.assert_allclose(
-            sure.poses[u] / np.outer(deviation, deviation),
-            expected[u, :6, :6] / np.outer(deviation, deviation),
-            atol=2e-2,
-        )
-        np.testing.assert_allclose(sure.calibrations[u], np.diag(expected[u])[6:], rtol=2e-3)
 
 
 def test_the_last_pose_lies_where_the_track_ends() -> None:

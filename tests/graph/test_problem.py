@@ -67,12 +67,6 @@ def test_a_part_leaves_out_whom_its_ranges_do_not_reach() -> None:
     assert (nobody.active_users, nobody.free, len(nobody.measurements)) == ([0], [], 0)
 
 
-def test_among_some_users_are_their_own_ranges_only() -> None:
-    among = Problem.of(four(), 0, MODEL).among([0, 2, 3])
-    assert (among.active_users, len(among.measurements)) == ([0, 2], 1)
-    np.testing.assert_array_equal(among.measurements.distance, [3.0])
-
-
 def test_a_widened_problem_adds_variances_and_leaves_the_first_as_it_was() -> None:
     problem = Problem.of(four(), 0, MODEL)
     before = problem.measurements.sigma.copy()

@@ -8,13 +8,13 @@ from support.reference_kernel import loss_value
 from support.solver_scenes import difference, distances, frames_of, recording_of, rigid_graph, track_of, true_frames
 from support.solver_scenes import register_rigid as register
 
-from experiments.common.optimize import optimize
 from synchronizar._core import NlosMixture, burst_nlos_odds
 from synchronizar.arrays import Array
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.graph import keys
+from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.priors import bursts_of, height_sigma_of
 from synchronizar.graph.problem import Problem
@@ -60,8 +60,8 @@ def test_the_cost_is_the_sum_of_the_losses_and_of_the_heights_about_their_level(
     expected = sum(losses) + height_prior(frames, np.array([0.15, 0.15, 0.15, 3.0]))
     assert graph.cost(frames) == pytest.approx(expected, rel=1e-9)
     # What the optimiser lowers is the same.
-    values = graph.values(graph.initial_states(frames))
-    factors = graph.factors(frames, graph.initial_em_weights())
+    values = GtsamForm(graph).values(graph.initial_states(frames))
+    factors = GtsamForm(graph).factors(frames, graph.initial_em_weights())
     assert factors.error(values) == pytest.approx(expected, rel=1e-9)
 
 
@@ -106,8 +106,7 @@ def test_covariances_are_those_of_x_y_z_in_the_common_axes_and_yaw(seed: int, re
 
 def most_likely(graph: RigidGraph, frames: Array) -> Array:
     states = graph.initial_states(frames)
-    factors = graph.factors(frames, graph.initial_em_weights())
-    return graph.states(optimize(factors, graph.values(states), graph.ordering(), 20, 1e-6), states).anchor_poses
+    return graph.optimised(states, frames, graph.initial_em_weights(), 1.0, 20, 1e-6).anchor_poses
 
 
 def redrawn(measurements: RangeMeasurements, frames: Array, noise: Array) -> RangeMeasurements:
@@ -261,9 +260,10 @@ def test_states_and_values_are_each_other_s_inverse() -> None:
     graph = lonely(*(User(name, static=True) for name in "abc"))
     frames = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, -2.0, 0.3, 3.0], [5.0, 0.5, -0.1, -3.0]])
     states = graph.initial_states(frames)
-    values = graph.values(states)
+    form = GtsamForm(graph)
+    values = form.values(states)
     elsewhere = graph.initial_states(np.zeros((3, 4)))
-    np.testing.assert_allclose(graph.states(values, elsewhere).anchor_poses, frames)
+    np.testing.assert_allclose(form.states(values, elsewhere).anchor_poses, frames)
     assert values.atDouble(keys.height(1)) == 0.3
     assert values.size() == 5  # frames, heights, and the height that all lie about: nothing of a device
 

@@ -10,15 +10,16 @@ from support.numerical import derivative
 from synchronizar._core import NlosMixture, RangeSlot
 from synchronizar.arrays import Array
 from synchronizar.graph import keys
+from synchronizar.graph.range_factors import RangeSlotFactor
 from synchronizar.graph.slot_factors import (
     CALIBRATION_UNITS,
     Joining,
     SlamStep,
-    SlotRangeFactor,
     calibration_walk_factor,
     height_prior,
     joining_prior,
     place_prior,
+    ranges_factor,
     step_factor,
 )
 from synchronizar.parameters import Parameters
@@ -170,15 +171,15 @@ def slot_of(which: slice = slice(None), seed: int = 0) -> RangeSlot:
     return RangeSlot(USERS, i[which], j[which], a, b, distance[which], sigma[which], odds[which], weight[which])
 
 
-def ranges_factor(block: RangeSlot, curvature: Array | None = None) -> SlotRangeFactor:
-    return SlotRangeFactor(SLOT, [5, 1, 8], block, LATE, curvature)
+def of_three(block: RangeSlot, curvature: Array | None = None) -> RangeSlotFactor:
+    return ranges_factor(SLOT, [5, 1, 8], block, LATE, curvature)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_ranges_of_a_slot_are_the_sum_of_single_ones(seed: int) -> None:
     values = somewhere([5, 1, 8], [SLOT], seed)
-    whole = ranges_factor(slot_of(), np.zeros(len(slot_of().pairs)))
-    single = [ranges_factor(slot_of(slice(n, n + 1)), np.zeros(1)) for n in range(RANGES)]
+    whole = of_three(slot_of(), np.zeros(len(slot_of().pairs)))
+    single = [of_three(slot_of(slice(n, n + 1)), np.zeros(1)) for n in range(RANGES)]
     assert whole.error(values) == pytest.approx(sum(each.error(values) for each in single), rel=1e-9)
     information = sum(each.linearize(values).augmentedInformation() for each in single)
     got = whole.linearize(values).augmentedInformation()
@@ -189,7 +190,7 @@ def test_the_ranges_of_a_slot_are_the_sum_of_single_ones(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_linearised_ranges_have_the_gradient_of_the_cost(seed: int, curved: bool) -> None:
     block = slot_of()
-    factor = ranges_factor(block, None if curved else np.zeros(len(block.pairs)))
+    factor = of_three(block, None if curved else np.zeros(len(block.pairs)))
     values = somewhere([5, 1, 8], [SLOT], seed)
     matrix, right = factor.linearize(values).jacobian()
     expected = derivative(lambda at: np.array([factor.error(at)]), values, list(factor.keys()))[0]
@@ -207,7 +208,7 @@ def test_a_single_range_between_two_who_stand_is_what_is_computed_by_hand() -> N
         values.insert(keys.slot_pose(user, SLOT), gtsam.Pose2(x, 0.0, 0.4))
         values.insert(keys.slot_height(user, SLOT), height)
         values.insert(keys.slot_calibration(user, SLOT), np.array([0.0, bias, 0.0]) / CALIBRATION_UNITS)
-    factor = SlotRangeFactor(SLOT, [0, 1], block, NlosMixture(1.0, 0.0), np.zeros(1))
+    factor = ranges_factor(SLOT, [0, 1], block, NlosMixture(1.0, 0.0), np.zeros(1))
     assert factor.error(values) == pytest.approx(0.5 * 0.5 * (0.1 / 0.1) ** 2)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from synchronizar.arrays import Array, Indices
 from synchronizar.graph import keys
+from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import States, steps
 
@@ -17,6 +18,7 @@ OF_ROW = [0, 0, 1]
 
 def dense_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, rounds: int) -> Array:
     """(k, 2) with all keyframes in one dense matrix."""
+    form = GtsamForm(graph)
     weights, counted, whose = list(em_weights.step_weight), gtsam.NonlinearFactorGraph(), []
     for u in graph.active_users:
         frames = graph.keyframes[u]
@@ -24,12 +26,12 @@ def dense_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, ro
         ordinary = ~frames.rebuilt & (squares < graph.parameters.slam.slip_sigmas**2)
         weights[u] = np.where(ordinary, 1.0, weights[u])
         of_user = gtsam.NonlinearFactorGraph()
-        graph.add_steps(of_user, u, weights[u])
+        form.add_steps(of_user, u, weights[u])
         # Each step is two factors: in the plane, and in height.
         for n in np.flatnonzero(ordinary).tolist():
             counted.push_back(of_user.at(2 * n))
             whose.append(u)
-    values, ordering = graph.values(states), graph.ordering()
+    values, ordering = form.values(states), form.ordering()
     columns = [ordering.at(n) for n in range(ordering.size())]
     linear = counted.linearize(values)
     present = set(linear.keys())
@@ -38,7 +40,7 @@ def dense_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, ro
     at = np.concatenate([np.arange(s.start, s.stop) for key, s in spans if key in present])
     rows = np.zeros((len(jacobian), keys.rows(columns)[-1].stop))
     rows[:, at] = jacobian
-    factors = graph.factors(states.anchor_poses, replace(em_weights, step_weight=weights))
+    factors = form.factors(states.anchor_poses, replace(em_weights, step_weight=weights))
     information, slope = factors.linearize(values).hessian(ordering)
     return most_likely_noise(
         information - rows.T @ rows,

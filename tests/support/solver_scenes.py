@@ -18,6 +18,7 @@ from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
+from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.priors import nlos_mixture
 from synchronizar.graph.problem import Problem
@@ -160,14 +161,15 @@ def flat_keys(keys: list[int]) -> list[int]:
 
 def honest_information(graph: PoseGraph, walks: States, em_weights: EmWeights) -> Array:
     """That of all variables in the graph's ordering; bending in height taken pair by pair, negative or not."""
-    count, ordering = len(graph.users), graph.ordering()
+    form = GtsamForm(graph)
+    count, ordering = len(graph.users), form.ordering()
     keys = flat_keys([ordering.at(n) for n in range(ordering.size())])
     shared, below = np.zeros(len(graph.measurements)), np.zeros((count, count))
     for pair, bend in pair_bending(graph, walks, em_weights):
         shared[pair.measurements] = max(bend, 0.0) / (pair.measurements.stop - pair.measurements.start)
         apart = np.eye(count)[pair.i] - np.eye(count)[pair.j]
         below += min(bend, 0.0) * np.outer(apart, apart)
-    linear = graph.factors(walks.anchor_poses, em_weights, height_curvature=shared).linearize(graph.values(walks))
+    linear = form.factors(walks.anchor_poses, em_weights, height_curvature=shared).linearize(form.values(walks))
     information, _ = linear.hessian(ordering)
     heights = [n for n, key in enumerate(keys) if chr(gtsam.symbolChr(key)) == "H"]
     users = [gtsam.symbolIndex(keys[n]) for n in heights]

@@ -65,7 +65,8 @@ class Searcher:
 
 def _exchange(process: subprocess.Popen[bytes], snapshot: Snapshot, found: Future[Found | None]) -> None:
     """Give a process a snapshot, and wait for what it finds."""
-    assert process.stdin is not None and process.stdout is not None
+    assert process.stdin is not None
+    assert process.stdout is not None
     try:
         pickle.dump(snapshot, process.stdin)
         process.stdin.flush()

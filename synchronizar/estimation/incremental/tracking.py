@@ -32,15 +32,16 @@ from synchronizar.geometry import apply_frames
 from synchronizar.graph.follower import Follower, SlotState
 from synchronizar.graph.pose_graph import calibration_sigmas
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
+from synchronizar.graph.range_factors import RangeSlotFactor
 from synchronizar.graph.slot_factors import (
     Joining,
     SlamStep,
     SlotFactor,
-    SlotRangeFactor,
     calibration_walk_factor,
     height_prior,
     joining_prior,
     place_prior,
+    ranges_factor,
     step_factor,
 )
 from synchronizar.parameters import Parameters
@@ -343,10 +344,10 @@ class Tracking:
         self._given[slot] = rows[:, [NLOS_ODDS, WEIGHT]]
         self.follower.put(name, self._ranging(slot, rows), slot)
 
-    def _ranging(self, slot: int, rows: Array) -> SlotRangeFactor:
+    def _ranging(self, slot: int, rows: Array) -> RangeSlotFactor:
         """The factor of ranges (n, columns) of a slot."""
         users, block = block_of(rows)
-        return SlotRangeFactor(slot, users, block, self._loss, np.zeros(len(block.pairs)))
+        return ranges_factor(slot, users, block, self._loss, np.zeros(len(block.pairs)))
 
     def take_innovations(self, spread: Mapping[int, float]) -> Innovations:
         """The residuals of ranges before they were used, since the last call.
