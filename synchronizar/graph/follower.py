@@ -123,12 +123,13 @@ class Follower:
 
     # Solving
 
-    def update(self) -> None:
+    def update(self, latest: int | None = None) -> None:
         """Take in what was put since the last update, and solve.
 
-        Raises RuntimeError where a variable is seen by no factor.
+        Only the `latest` slots are looked at for estimates that are to be linearised anew; None: all. Raises
+        RuntimeError where a variable is seen by no factor.
         """
-        stale = self._stale()
+        stale = self._stale(latest)
         first = min((s for s in (stale, self._touched) if s is not None), default=None)
         if first is None:
             return
@@ -164,12 +165,12 @@ class Follower:
         self._new, self._dropped, self._inserted, self._touched = {}, [], gtsam.Values(), None
         self._at = self._tree.getLinearizationPoint()
 
-    def _stale(self) -> int | None:
-        """The first slot with an estimate that is too far from where it was linearised."""
+    def _stale(self, latest: int | None = None) -> int | None:
+        """The first of the latest slots, or of all, with an estimate that is too far from where it was linearised."""
         if not self._tree.size():
             return None
         delta = self._tree.getDelta()
-        for slot, users in self._slots.items():
+        for slot, users in list(self._slots.items())[-latest if latest else 0 :]:
             for symbol, key in zip("xhd" * len(users), _keys(users, slot), strict=True):
                 if key in self._fixed or self._inserted.exists(key):
                     continue

@@ -8,6 +8,8 @@ import gtsam
 
 _MOST_KEYFRAMES = 10**7  # per user: keys are numbered user by user
 _MOST_USERS = 10**4  # per slot: keys are numbered slot by slot
+# A symbol's number stands in its lower bits: these are made ten thousand times a second.
+_SLOT_POSE, _SLOT_HEIGHT, _SLOT_CALIBRATION = (int(gtsam.symbol(letter, 0)) for letter in "xhd")
 
 MEAN_HEIGHT: int = gtsam.symbol("L", 0)
 """double (m): the mean height of all SLAM origins."""
@@ -42,17 +44,17 @@ def local_height(user: int, keyframe: int) -> int:
 
 def slot_pose(user: int, slot: int) -> int:
     """Key of a Pose2: a user's device at the begin of a slot, and SLAM's axes, in the common frame."""
-    return int(gtsam.symbol("x", slot * _MOST_USERS + user))
+    return _SLOT_POSE + slot * _MOST_USERS + user
 
 
 def slot_height(user: int, slot: int) -> int:
     """Key of a double (m): the device's height then, in the common frame."""
-    return int(gtsam.symbol("h", slot * _MOST_USERS + user))
+    return _SLOT_HEIGHT + slot * _MOST_USERS + user
 
 
 def slot_calibration(user: int, slot: int) -> int:
     """Key of a Vector (3,): log scale, radio bias (m) and clock offset (s) then."""
-    return int(gtsam.symbol("d", slot * _MOST_USERS + user))
+    return _SLOT_CALIBRATION + slot * _MOST_USERS + user
 
 
 def rows(keys: list[int]) -> list[slice]:

@@ -136,6 +136,8 @@ class Engine:
         self._unfollow(user)
         self.streams[user] = PoseStream(self.parameters)
         self.standings[user].begin_again(self.now, State.UNOBSERVABLE, f"{why}: it is looked for anew")
+        self.standings[user].contradicted = user == self.reference and self.solved
+        self._searcher.abandon()
         self._tell(user)
 
     def add_user(self, user: User) -> None:
@@ -237,9 +239,10 @@ class Engine:
             if user not in (self.reference, but):
                 self.standings[user].begin_again(self.now, State.UNOBSERVABLE, "it is looked for anew")
                 self._tell(user)
-        origin = self.tracking.origin
+        before = self.tracking
         self.tracking = Tracking(self.users, self.streams, self.parameters)
-        self.tracking.origin = origin
+        self.tracking.origin, self.tracking.noise = before.origin, before.noise
+        self.tracking.assumed_clock = before.assumed_clock
         self._members = None
 
     def _unfollow(self, user: int) -> None:
@@ -393,7 +396,7 @@ class Engine:
         sought = self._sought()
         joining: dict[int, JoiningUser] = {}
         for u in found.users:
-            if u == found.gauge:
+            if u == found.gauge or (self.standings[u].since or 0.0) > found.t:  # begun again since then
                 continue
             if u in sought:
                 self._judge_found(u, found, common)

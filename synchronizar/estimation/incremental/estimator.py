@@ -92,8 +92,10 @@ class Estimator:
             return self._refuse(f"{user}: a pose that is not finite")
         if not 0.0 < length < np.inf:
             return self._refuse(f"{user}: a quaternion of length {length:g}")
-        z_up = YawFrame(up_b=known.up)
-        place, quat = z_up @ place, z_up.rotate_quaternions(quat / length)
+        quat /= length
+        if known.up != "z":
+            z_up = YawFrame(up_b=known.up)
+            place, quat = z_up @ place, z_up.rotate_quaternions(quat)
         self._see(user, place)
         return self._do(lambda engine: engine.add_pose(known_as, stamp, place.tolist(), quat.tolist()))
 

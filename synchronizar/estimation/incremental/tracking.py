@@ -228,6 +228,7 @@ class Tracking:
             for slot in range(max(tracked.slot + 1, latest - _MOST_OPENED), min(latest, seen) + 1):
                 self._open(user, slot)
         taken = self._take(now, doubted)
+        thorough = settle or latest > self._judged_at
         if settle:
             for slot in taken:
                 self._put(slot)
@@ -245,7 +246,7 @@ class Tracking:
             self.judge(latest - _BURST_SLOTS, weigh=False)
         for slot in taken:
             self._put(slot)
-        self.follower.update()
+        self.follower.update(None if thorough else _BURST_SLOTS + 1)
         for user, tracked in self.members.items():
             state = self._read(user, tracked.slot)
             self._states[user, tracked.slot] = state
@@ -420,10 +421,15 @@ class Tracking:
 
     def residuals(self, rows: Array) -> Array:
         """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
+        slots = rows[:, SLOT].astype(np.int64)
+        first = int(slots.min()) if len(slots) else 0
+        states_at = np.zeros((int(slots.max(initial=first)) - first + 1, len(self.users), 7))
+        for (user, slot), state in self._states.items():
+            if 0 <= slot - first < len(states_at):
+                states_at[slot - first, user] = state
         ends, bias = [], np.zeros(len(rows))
         for user, columns in ((USER_I, END_I), (USER_J, END_J)):
-            keys_of, of = np.unique(rows[:, [user, SLOT]].astype(np.int64), axis=0, return_inverse=True)
-            states = np.array([self._states[u, slot] for u, slot in keys_of.tolist()]).reshape(-1, 7)[of.ravel()]
+            states = states_at[slots - first, rows[:, user].astype(np.int64)]
             offset, lever, velocity = (rows[:, columns + 3 * n : columns + 3 * n + 3] for n in range(3))
             arm = np.exp(states[:, 4:5]) * offset + lever + states[:, 6:7] * velocity
             ends.append(apply_frames(states[:, [0, 1, 3, 2]], arm))
