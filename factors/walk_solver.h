@@ -14,7 +14,6 @@
 // a border of what all groups share, which are calibrations and users with one keyframe.
 #pragma once
 
-#include <cstdint>
 #include <utility>
 #include <vector>
 
