@@ -79,7 +79,6 @@ class Engine:
         self._searcher = Searcher(workers)
         self._contradictions = Contradictions(self.parameters)
         self._members: Members | None = None
-        self._extents: dict[int, Array] = {}
         self._spread: dict[int, float] = {}
         self._events: list[str] = []
         self._judged = -1
@@ -650,6 +649,8 @@ class Engine:
             recent = stream.tail(stream.newest - _RECENT_WALK)
             if not len(recent.t) or not places:
                 continue
+            if not np.diag(placed.covariance)[:4].max() < self.parameters.priors.place_sigma**2:
+                continue  # nothing is known that a walk would add to
             here, began = self._at(placed, recent.position[-1]), self._at(placed, recent.position[0])
             velocity = (here - began)[:2] / max(float(np.ptp(recent.t)), 0.1)
             frames, covariances = np.zeros((len(self.users), 4)), np.zeros((len(self.users), 4, 4))
@@ -813,7 +814,7 @@ class Engine:
 
 _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found"),
-    *("_told", "_extents", "_spread", "_events", "_judged", "_checked", "_begun", "_cued", "_nlos_share"),
+    *("_told", "_spread", "_events", "_judged", "_checked", "_begun", "_cued", "_nlos_share"),
 )
 
 

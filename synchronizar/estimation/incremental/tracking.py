@@ -406,10 +406,6 @@ class Tracking:
         """Whether a user has a slot in the window."""
         return (user, slot) in self._stamps
 
-    def stamp_at(self, user: int, slot: int) -> tuple[float, Array]:
-        """The user's own stamp (s) of a slot's begin, and where its repaired SLAM has it then, (3,) SLAM units."""
-        return self._stamps[user, slot]
-
     def state_at(self, user: int, slot: int) -> Array:
         """(7,) as in `Tracked`, as of the last time that the slot was looked at."""
         return self._states[user, slot]

@@ -20,7 +20,7 @@ from synchronizar.parameters import Parameters
 from synchronizar.simulation.simulate import Scene, simulate
 
 SCENE = Scene(users=2, seconds=14.0, rate_hz=8.0, late_share=0.1, seed=1, antennas=1, static_radios=1)
-PARAMETERS = Parameters().changed(incremental={"window": 4.0})
+PARAMETERS = Parameters().changed(incremental={"window": 4.0}, integrity={"proven_duration": 1.0})
 ENGINE_STATE = {"users", "reference", "parameters", "streams", "log", "tracking"}
 """What a file holds in some other way, or the caller gives."""
 NOT_KEPT = {"_searcher", "_members", "_contradictions", "_clock", "_guard"}
@@ -62,7 +62,7 @@ def assert_the_same(one: Engine, other: Engine, within: float) -> None:
     assert len(ours.alternatives) == len(theirs.alternatives)
 
 
-@pytest.mark.parametrize("cut", [0.05, 2.0, 6.33, 11.07])
+@pytest.mark.parametrize("cut", [0.05, 2.0, 6.33, 11.07, 13.3])
 def test_who_is_saved_and_loaded_says_the_same_then_and_for_ever(cut: float, tmp_path: Path) -> None:
     engine = walked(cut)
     save(engine, tmp_path / "state.npz", {"up": "y"})
@@ -77,7 +77,7 @@ def test_who_is_saved_and_loaded_says_the_same_then_and_for_ever(cut: float, tmp
 
 
 def test_the_walk_that_is_cut_has_followed_people_and_marginals() -> None:
-    engine = walked(11.07)
+    engine = walked(13.9)
     assert set(engine.tracking.members) == {0, 1, 2}
     assert any(name[0] == "marginal" for name in engine.tracking.follower.names())  # type: ignore[index]
 
