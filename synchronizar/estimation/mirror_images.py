@@ -60,6 +60,8 @@ def _own_places(measurements: RangeMeasurements, user: int) -> Array:
 def _own_line(measurements: RangeMeasurements, user: int) -> tuple[Array, float]:
     """Centroid (2,) m of a user's positions in its own frame and angle (rad) of their principal axis."""
     places = _own_places(measurements, user)
+    if not len(places):
+        return np.zeros(2), 0.0
     centroid = places.mean(axis=0)
     offset = places - centroid
     angle = 0.5 * np.arctan2(2.0 * (offset[:, 0] * offset[:, 1]).sum(), (offset[:, 0] ** 2 - offset[:, 1] ** 2).sum())

@@ -54,7 +54,6 @@ _REACH = 0.1  # s before and after a range between which the antenna's velocity 
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
 _BURST_SLOTS = 2  # ... and at each update: what came just before tells most of whether a line of sight is blocked
-_EM_ROUNDS = 3  # when somebody joins
 _CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
 _MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
@@ -229,15 +228,12 @@ class Tracking:
                 self._open(user, slot)
         taken = self._take(now, doubted)
         thorough = settle or latest > self._judged_at
-        if settle:
+        if settle:  # a search has all near their best already, so that they can be judged before they are solved for
+            self.judge(-1, weigh=True)
             for slot in taken:
                 self._put(slot)
             self.follower.rebuild()
-            for _ in range(_EM_ROUNDS):
-                self._refresh()
-                self.judge(-1, weigh=True)
-                self.follower.update()
-                self.follower.settle()
+            self._refresh()
         elif latest > self._judged_at:
             self._judged_at = latest
             self._refresh()
