@@ -46,8 +46,8 @@ class Estimator:
 
         `up`: which axis points up in the poses of users whose settings do not say, "z" or "y". `reference`: whose frame
         the common one is; None: the first by name that moves more than 0.5 m. `workers`: 0 searches within `advance`,
-        and is deterministic; 1 in a process of its own, so that nobody waits for it (a script then needs `if __name__
-        == "__main__":`); None: 1 where there is more than one core. Raises ValueError naming the argument.
+        and is deterministic; 1 in a process of its own, so that nobody waits for it; None: 1 where there is more than
+        one core. Raises ValueError naming the argument.
         """
         if workers not in (None, 0, 1):
             raise ValueError(f"workers: must be 0, 1 or None, not {workers!r}")
