@@ -51,7 +51,7 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
   // Likelihoods of each range's residual, over the density of a line-of-sight one at 0. Most ranges have the
   // sigma of the one before.
   double of_sigma = -1.0;
-  Lengths length, exponent, peak;
+  Lengths length = Lengths::Zero(), exponent = Lengths::Zero(), peak = Lengths::Zero();
   const auto emission = [&](Eigen::Index k) {
     const double e = whitened[k], s = sigma[k] / loss.scale;
     if (s != of_sigma) {
