@@ -630,10 +630,12 @@ class Engine:
             self._spread[user] = float(np.sqrt(max(np.linalg.eigvalsh(relative[:2, :2])[-1], 0.0)))
             standing.verdict, standing.progress = verdict, near
             state, reason = verdict.state, verdict.reason
-            if state is not standing.state:
-                standing.state, standing.reason = state, reason
+            if state is State.REGISTERED and standing.registered_at is None:
+                continue  # only a search, which sees other placements too, registers anybody
+            changed = state is not standing.state
+            standing.state, standing.reason = state, reason
+            if changed:
                 self._tell(user)
-            standing.reason = reason
 
     def _tell_cues(self) -> None:
         """Once a slot: which way those should walk whose places are not known well enough."""
