@@ -14,7 +14,7 @@ from synchronizar.data.registration import (
     UserRegistration,
 )
 from synchronizar.data.user import User
-from synchronizar.estimation.answer import NO_CHAIN, OwnFrames
+from synchronizar.estimation.answer import OwnFrames
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.standing import Placed
 from synchronizar.geometry import YawFrame
@@ -105,6 +105,3 @@ def range_verdicts(engine: Engine) -> RangeVerdicts:
     order = np.lexsort((serial, engine.log.rows[:, 0]))
     usable, inlier, weight, residual = engine.range_verdicts(serial[order])
     return RangeVerdicts(usable, usable & (inlier > 0.5), weight, residual)
-
-
-__all__ = ["NOTHING_SOLVED", "NO_CHAIN", "range_verdicts", "registration_now", "user_now"]

@@ -232,6 +232,7 @@ class Tracking:
             self.judge(-1, weigh=True)
             for slot in taken:
                 self._put(slot)
+            taken = []
             self.follower.rebuild()
             self._refresh()
         elif latest > self._judged_at:
@@ -258,12 +259,12 @@ class Tracking:
         if waiting is None:
             return []
         slot = np.floor((waiting.t - self.origin) / self.parameters.slam.keyframe_interval).astype(np.int32)
-        there = np.array(
-            [
-                (i, n) in self._stamps and (j, n) in self._stamps and i not in doubted and j not in doubted
-                for i, j, n in zip(waiting.i.tolist(), waiting.j.tolist(), slot.tolist(), strict=True)
-            ]
-        )
+        first, last = int(slot.min()), int(slot.max())
+        present = np.zeros((last - first + 1, len(self.users)), dtype=bool)
+        for user, n in self._stamps:
+            if first <= n <= last:
+                present[n - first, user] = user not in doubted
+        there = present[slot - first, waiting.i] & present[slot - first, waiting.j]
         ends = []
         for who, antenna in ((waiting.i, waiting.antenna_i), (waiting.j, waiting.antenna_j)):
             offset, lever, velocity, known = self._ends(waiting.t, who, antenna, slot, there)
@@ -301,8 +302,8 @@ class Tracking:
         return self._weight.get((i, j), 0.1)
 
     def _ends(
-        self, t: Array, who: Indices, antenna: Indices, slot: Indices, wanted: Array
-    ) -> tuple[Array, Array, Array, Array]:
+        self, t: Array, who: Indices, antenna: Indices, slot: Indices, wanted: Mask
+    ) -> tuple[Array, Array, Array, Mask]:
         """Offset, lever and velocity (n, 3) of an end of each range, and whether its poses are known."""
         n = len(t)
         offset, lever, velocity = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
