@@ -9,6 +9,7 @@ import subprocess
 import sysconfig
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 from typing import IO, NamedTuple
@@ -104,8 +105,10 @@ def _parsed(process: subprocess.Popen[str], collector: socket.socket, key: bytes
             case ["sent", t, module, size, measured]:
                 payload = _received(collector, int(module), int(size), key)
                 yield Datagram(float(t), payload, float("nan") if measured == "-" else float(measured))
-                # Not through the pipe's buffer, which would keep a reply to a program that has ended.
-                os.write(process.stdin.fileno(), b"\n")
+                # Not through the pipe's buffer, which would keep a reply to a program that has ended. That it has, and
+                # how, is told below.
+                with suppress(BrokenPipeError):
+                    os.write(process.stdin.fileno(), b"\n")
             case ["frame", begin, end, sender, slot, kind]:
                 yield Frame(float(begin), float(end), int(sender), None if slot == "-" else int(slot), kind)
             case ["said", *_]:
