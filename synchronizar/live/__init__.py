@@ -1,0 +1,1 @@
+"""The live room: devices join, walk, and are in one frame."""
