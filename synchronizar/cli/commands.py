@@ -191,6 +191,45 @@ def _plot(options: argparse.Namespace) -> None:
     print_result(str(plot(recording, options.out, options.recording.resolve().name)))
 
 
+def _serve(options: argparse.Namespace) -> None:
+    with _live_extra():
+        from synchronizar.live.server import ServerOptions, announce, serve
+    import asyncio
+
+    asked = ServerOptions(
+        host=options.host,
+        port=options.port,
+        udp_port=options.udp_port,
+        record=options.record,
+        certificate=options.certificate,
+        tls=not options.no_tls,
+        json=options.json,
+    )
+    asyncio.run(serve(asked, lambda where: announce(where, asked)))
+
+
+def _play(options: argparse.Namespace) -> None:
+    with _live_extra():
+        from synchronizar.live.play import play
+    import asyncio
+
+    recording, _ = _loaded(options.recording)
+    try:
+        answer = asyncio.run(play(recording, options.join, options.speed))
+    except ConnectionError as error:
+        raise InputError(options.join.partition("#")[0], str(error)) from error
+    print_result(json.dumps(answer, allow_nan=False))
+
+
+@contextmanager
+def _live_extra() -> Iterator[None]:
+    """What only the live side needs comes with an extra."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(error.name or "live", "is not installed: pip install 'synchronizar[live]'") from error
+
+
 COMMANDS: dict[str, Command] = {
     "register": _register,
     "replay": _replay,
@@ -198,4 +237,6 @@ COMMANDS: dict[str, Command] = {
     "check": _check,
     "simulate": _simulate,
     "plot": _plot,
+    "serve": _serve,
+    "play": _play,
 }

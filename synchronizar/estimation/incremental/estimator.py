@@ -18,7 +18,7 @@ from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.state_file import load, save
-from synchronizar.estimation.incremental.told import registration_now
+from synchronizar.estimation.incremental.told import NewestRange, newest_ranges, registration_now
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.parameters import Parameters
 
@@ -198,6 +198,10 @@ class Estimator:
             return registration_now(self._engine)
         nothing = {user.name: _disconnected(user, _NOBODY_MOVED) for user in self.users}
         return Registration(None, "full", "joint", nothing, (), _no_ranges(), _no_seconds())
+
+    def newest_ranges(self) -> tuple[NewestRange, ...]:
+        """The newest range of each pair in the recent past, with its residual where it was compared."""
+        return () if self._engine is None else newest_ranges(self._engine)
 
     def close(self) -> None:
         """End the process that searches; the next search would begin another one."""

@@ -1,0 +1,86 @@
+"""Rooms by their codes, and the tokens that joining buys."""
+
+from __future__ import annotations
+
+import secrets
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from hashlib import sha256
+
+from synchronizar.live.messages import Join, Joined, MessageError
+from synchronizar.live.room import Room, Ticket
+
+ALPHABET = "ABCDEFGHJKMNPQRSTUVWXYZ23456789"
+"""Without those that are taken for one another."""
+CODE_LENGTH = 8
+"""Characters: 40 bits, which nobody guesses at the rate that is allowed."""
+TOKEN_S = 60.0
+"""s for which a token may be used, once."""
+TRIES_A_MINUTE = 30
+"""Wrong codes from one address; more are refused unread."""
+
+
+def new_code() -> str:
+    """A room's code."""
+    return "".join(secrets.choice(ALPHABET) for _ in range(CODE_LENGTH))
+
+
+@dataclass
+class _Bought:
+    room: Room
+    ticket: Ticket
+    until: float
+
+
+class Lobby:
+    """All rooms of a server."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        """`now`: s, a clock that only goes forwards."""
+        self.rooms: dict[str, Room] = {}
+        self.refused: Counter[str] = Counter()
+        """Connections that were let into no room, by reason."""
+        self._now = now
+        self._bought: dict[bytes, _Bought] = {}
+        self._wrong: Counter[str] = Counter()
+        self._minute = 0
+
+    def room(self, code: str) -> Room:
+        """The room with a code, however it is written. Raises MessageError where there is none."""
+        room = self.rooms.get(code.strip().upper().replace("-", "").replace(" ", ""))
+        if room is None:
+            raise MessageError("room", "there is no room with that code: look at the room's page for it")
+        return room
+
+    def join(self, join: Join, address: str) -> Joined:
+        """Sell a token. Raises MessageError where the code is wrong, or the room does not take these devices."""
+        minute = int(self._now() // 60.0)
+        if minute != self._minute:
+            self._minute = minute
+            self._wrong.clear()
+        if self._wrong[address] >= TRIES_A_MINUTE:
+            raise MessageError("tries", "too many wrong codes: wait a minute")
+        try:
+            room = self.room(join.room)
+        except MessageError:
+            self._wrong[address] += 1
+            raise
+        ticket, owner = room.admit(join)
+        now = self._now()
+        self._bought = {digest: bought for digest, bought in self._bought.items() if bought.until >= now}
+        token = secrets.token_urlsafe(24)
+        self._bought[_digest(token)] = _Bought(room, ticket, now + TOKEN_S)
+        return Joined(token, TOKEN_S, owner, room.code, ticket.users)
+
+    def redeem(self, token: str) -> tuple[Room, Ticket]:
+        """What a token has bought. Raises MessageError where it is none, was used, or is too old."""
+        bought = self._bought.pop(_digest(token), None)
+        if bought is None or bought.until < self._now():
+            raise MessageError("token", "this token is none, or was used, or is too old: join again")
+        return bought.room, bought.ticket
+
+
+def _digest(token: str) -> bytes:
+    """Looked up by its hash, so that the time of the search says nothing about tokens."""
+    return sha256(token.encode()).digest()

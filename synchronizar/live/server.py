@@ -1,0 +1,141 @@
+"""`synchronizar serve`: one process that people join."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import secrets
+import signal
+import ssl
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from aiohttp import web
+
+from synchronizar.errors import InputError
+from synchronizar.live.certificates import own_addresses, server_context
+from synchronizar.live.lobby import Lobby, new_code
+from synchronizar.live.recorder import FolderRecorder
+from synchronizar.live.room import Room
+from synchronizar.live.room_host import RoomClock, RoomHost
+from synchronizar.live.web import application
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+@dataclass(frozen=True)
+class ServerOptions:
+    """What `serve` was asked for."""
+
+    host: str | None = None
+    """Address to listen at; None: all of this machine's."""
+    port: int = 47180
+    """TCP; 0: any that is free."""
+    udp_port: int = 47190
+    record: Path | None = None
+    """A folder in which each room writes its own."""
+    certificate: Path | None = None
+    """PEM file with certificate and key; None: a self-signed one."""
+    tls: bool = True
+    workers: int = 1
+    json: bool = False
+
+
+async def serve(options: ServerOptions, started: Callable[[dict[str, object]], None]) -> None:
+    """Serve until somebody ends it; `started` hears where, once it listens. Raises InputError where it cannot."""
+    if not options.tls and options.host not in LOOPBACK:
+        raise InputError("--no-tls", "a phone needs https: without TLS the server listens at --host 127.0.0.1 alone")
+    context = server_context(options.certificate)[0] if options.tls else None
+    server = Server(options, context)
+    try:
+        started(await server.start())
+        await _ended()
+    finally:
+        await server.close()
+
+
+class Server:
+    """The parts of a server, started and closed."""
+
+    def __init__(self, options: ServerOptions, context: ssl.SSLContext | None) -> None:
+        self.options = options
+        self.clock = RoomClock()
+        self.lobby = Lobby(self.clock)
+        self.hosts: list[RoomHost] = []
+        self._context = context
+        self._url = ""
+        self._runner: web.AppRunner | None = None
+
+    async def start(self) -> dict[str, object]:
+        """Listen, open a room, and say where. Raises InputError where the port is taken."""
+        options = self.options
+        self._runner = web.AppRunner(application(self.lobby, self.join_address), access_log=None)
+        await self._runner.setup()
+        site = web.TCPSite(self._runner, options.host, options.port, ssl_context=self._context)
+        try:
+            await site.start()
+        except OSError as error:
+            raise InputError(
+                "--port", f"{options.port} cannot be listened at: {error.strerror}; choose another"
+            ) from error
+        port = self._runner.addresses[0][1]
+        name = options.host if options.host not in (None, "0.0.0.0", "::") else own_addresses()[0]
+        host = f"[{name}]" if name and ":" in name else name
+        self._url = f"{'https' if self._context else 'http'}://{host}:{port}"
+        room = self.open_room()
+        return {"url": self._url, "room": room.code, "join": self.join_address(room.code), "udp_port": room.udp_port}
+
+    def join_address(self, code: str) -> str:
+        """The address that phones and `play` join by: its fragment, the code, is seen and logged by no server."""
+        return f"{self._url}/#{code}"
+
+    def open_room(self) -> Room:
+        """One more room."""
+        recorder = None
+        if self.options.record is not None:
+            stamp = time.strftime("%Y%m%d-%H%M%S")
+            recorder = FolderRecorder(self.options.record / f"room-{stamp}-{secrets.token_hex(2)}")
+        room = Room(new_code(), self.clock, recorder=recorder, udp_port=self.options.udp_port)
+        host = RoomHost(room, recorder)
+        host.start(self.options.workers)
+        self.lobby.rooms[room.code] = room
+        self.hosts.append(host)
+        return room
+
+    async def close(self) -> None:
+        """Everything ended and on disk."""
+        if self._runner is not None:
+            await self._runner.cleanup()
+        for host in self.hosts:
+            await host.close()
+
+
+def announce(where: dict[str, object], options: ServerOptions) -> None:
+    """Say where the server is: one line of JSON, or an address and its QR code for people."""
+    if options.json:
+        print(json.dumps(where), flush=True)
+        return
+    print(f"room {where['room']}\njoin {where['join']}\nlook {where['url']}/room#{where['room']}")
+    if sys.stdout.isatty():
+        import segno
+
+        segno.make(str(where["join"]), error="m").terminal(compact=True)
+    sys.stdout.flush()
+
+
+async def _ended() -> None:
+    """Until Ctrl-C or a polite kill."""
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, ended.set)
+    await ended.wait()
+
+
+def usual_workers() -> int:
+    """Searches get a process of their own where there is more than one core."""
+    return 1 if (os.cpu_count() or 1) > 1 else 0
