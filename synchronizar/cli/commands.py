@@ -201,6 +201,7 @@ def _serve(options: argparse.Namespace) -> None:
         port=options.port,
         udp_port=options.udp_port,
         record=options.record,
+        resume=options.resume,
         certificate=options.certificate,
         tls=not options.no_tls,
         json=options.json,

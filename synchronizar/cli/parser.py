@@ -133,6 +133,7 @@ def _add_live_commands(commands: Any, commands_by_name: Mapping[str, Command]) -
     serve.add_argument("--port", type=_port, default=47180, metavar="N", help="TCP port; 0: any that is free [47180]")
     serve.add_argument("--udp-port", type=_port, default=47190, metavar="N", help="port for modules' ranges [47190]")
     serve.add_argument("--record", type=Path, metavar="DIR", help="write each room into a folder here as it goes")
+    serve.add_argument("--resume", action="store_true", help="go on with the rooms that were recorded in DIR")
     serve.add_argument("--certificate", type=Path, metavar="PEM", help="certificate and key [self-signed, made once]")
     serve.add_argument("--no-tls", action="store_true", help="plain http; with --host 127.0.0.1 alone")
     serve.add_argument("--json", action="store_true", help="print one line of JSON once it listens")

@@ -52,7 +52,10 @@ class Solving:
         self._frames = dict(begin.frames)
         self._refused: list[str] = []
         if begin.state is not None:
-            self._estimator = Estimator.load(begin.state, workers=begin.workers)
+            try:
+                self._estimator = Estimator.load(begin.state, workers=begin.workers)
+            except InputError as error:
+                self._refused.append(f"everybody is looked for anew: {error}")
 
     def do(self, command: Command, serial: int) -> Reply | None:
         """Carry one out; the reply where it has one. A command that makes no sense is told with the next events."""
@@ -77,7 +80,10 @@ class Solving:
             case Save():
                 return self._save(command.path, serial)
             case Finish():
-                return Finished({} if estimator is None else registration_json(estimator.registration()))
+                if estimator is None:
+                    return Finished({})
+                estimator.complete(command.t)
+                return Finished(registration_json(estimator.registration()))
             case _ if estimator is None:
                 return None  # static radios alone: there is nothing to solve
             case Pose():

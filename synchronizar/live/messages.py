@@ -154,7 +154,9 @@ class Clock(_Message, tag="clock"):
 
 
 class Finish(_Message, tag="finish"):
-    """Recorded time only: nothing more will come. Answered by `answer` when all of it is solved."""
+    """Recorded time only: all has been sent, up to `t`. Answered by `answer` when all of it is solved."""
+
+    t: float
 
 
 class Create(_Message, tag="create"):

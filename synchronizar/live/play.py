@@ -53,7 +53,8 @@ async def _say(client: Client, recording: Recording, speed: float) -> None:
     """Everything in the order of time, a tenth of a second at once, and what time it is after each."""
     loop = asyncio.get_running_loop()
     began, first = loop.time(), None
-    for t, poses, ranges in _ticks(recording):
+    t = 0.0
+    for last, t, poses, ranges in _ticks(recording):
         first = t if first is None else first
         if (early := began + (t - first) / speed - loop.time()) > 0.0:
             await asyncio.sleep(early)
@@ -61,15 +62,16 @@ async def _say(client: Client, recording: Recording, speed: float) -> None:
             await client.send_poses(poses[at : at + 128])
         if ranges:
             await client.send_ranges(ranges)
-        await client.say_message(m.Clock(t))
-    await client.say_message(m.Finish())
+        if not last:
+            await client.say_message(m.Clock(t))
+    await client.say_message(m.Finish(t))
 
 
 _Poses = list[tuple[str, float, Any, Any]]
 
 
-def _ticks(recording: Recording) -> Iterator[tuple[float, _Poses, list[m.MeasuredRange]]]:
-    """What came in each tenth of a second in which a range came, and until then; the rest at the end."""
+def _ticks(recording: Recording) -> Iterator[tuple[bool, float, _Poses, list[m.MeasuredRange]]]:
+    """Whether it is the last, and what came in each tenth of a second in which a range came, and until then."""
     own = {user.name: _own(recording, user) for user in recording.users if not user.static}
     poses: _Poses = []
     ranges: list[m.MeasuredRange] = []
@@ -77,7 +79,7 @@ def _ticks(recording: Recording) -> Iterator[tuple[float, _Poses, list[m.Measure
     last = 0.0
     for t, user, row in in_time(recording):
         if tick is not None and t >= (tick + 1) / A_SECOND:
-            yield (tick + 1) / A_SECOND, poses, ranges
+            yield False, (tick + 1) / A_SECOND, poses, ranges
             tick, poses, ranges = None, [], []
         if user < 0:
             if isfinite(recording.ranges.distance[row]):  # JSON has no other numbers, and no solver uses them
@@ -88,7 +90,7 @@ def _ticks(recording: Recording) -> Iterator[tuple[float, _Poses, list[m.Measure
             position, quat = own[name]
             poses.append((name, t, position[row], quat[row]))
         last = t
-    yield (last if tick is None else (tick + 1) / A_SECOND), poses, ranges
+    yield True, (last if tick is None else (tick + 1) / A_SECOND), poses, ranges
 
 
 def _own(recording: Recording, user: User) -> tuple[Any, Any]:

@@ -6,7 +6,7 @@ import secrets
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from hashlib import blake2s
+from hashlib import blake2s, sha256
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,6 +20,7 @@ from synchronizar.live.messages import MessageError
 from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
 from synchronizar.live.pose_wire import PoseDown, PosesDown, decode_poses_up, encode_poses_down
+from synchronizar.live.roster import KnownDevice, Roster
 from synchronizar.live.solver import Solver
 from synchronizar.live.solver_wire import AddUser, Lost, NewestRange, NewFrame, Pose, Range, Told
 from synchronizar.quaternions import multiply_quaternions, yaw_quaternion
@@ -61,14 +62,14 @@ class Device:
     settings: m.UserSettings
     index: int
     owner: str
-    """Secret by which its connection is known when it comes again."""
+    """Hash of the secret by which its connection is known when it comes again."""
     frame: int = 0
+    session: int = 0
+    """How often its SLAM began anew."""
     client: Client | None = None
     clock: DeviceClock = field(default_factory=DeviceClock)
     pose: tuple[float, m.Vector, m.Quaternion] | None = None
     """Its newest pose by the room's clock, in its own axes."""
-    session: int = 0
-    sequence: int = -1
     poses: deque[float] = field(default_factory=lambda: deque(maxlen=128))
     ranges: deque[float] = field(default_factory=lambda: deque(maxlen=1024))
     round_trip: float | None = None
@@ -108,7 +109,6 @@ class Ticket:
 
     users: list[str]
     recorded: bool
-    owner: str
 
 
 class Room:
@@ -122,8 +122,12 @@ class Room:
         recorder: Recorder | None = None,
         udp_port: int | None = None,
         app: str | None = None,
+        saved: Callable[[m.Object | str], None] | None = None,
     ) -> None:
-        """`now`: the room's clock (s). `key`: 32 bytes from which modules' keys are derived."""
+        """`now`: the room's clock (s). `key`: 32 bytes from which modules' keys are derived.
+
+        `saved` hears each object that changes, and the id of each one that is gone.
+        """
         self.code, self.now, self.udp_port, self.app = code, now, udp_port, app
         self.key = key or secrets.token_bytes(32)
         self.radio_session = int.from_bytes(blake2s(self.key, digest_size=4, person=b"session").digest(), "little")
@@ -131,19 +135,39 @@ class Room:
         self.clients: set[Client] = set()
         self.modules: dict[int, str] = {}
         """Whose module has which address."""
+        self.roster_version = 0
+        """Rises when `roster` is another one."""
         self.refused: Counter[str] = Counter()
         """Of what could not be told to be anybody's."""
         self.recorded: bool | None = None
         """Whether time is a recording's; None until a device comes."""
         self.recorded_t: float | None = None
-        self.objects = ObjectStore()
+        self.objects = ObjectStore(saved)
         self.frames = m.Frames(0, now(), None, {})
         self.solver: Solver | None = None
+        self.begun: Callable[[bool], None] | None = None
+        """Hears whether time is a recording's, when the first device comes."""
         self._recorder = recorder
         self._ranges: list[NewestRange] = []
         self._told_at = self._frames_at = self._status_at = self._asked_at = -np.inf
         self._sequence = 0
         self._finishing: list[Client] = []
+
+    def roster(self) -> Roster:
+        """What has to be remembered to open it again."""
+        devices = [KnownDevice(d.settings, d.owner, d.frame, d.session) for d in self.devices.values()]
+        return Roster(self.code, self.key.hex(), devices, dict(self.modules))
+
+    def restore(self, roster: Roster) -> None:
+        """Its devices as they were; all of them are away."""
+        for known in roster.devices:
+            device = Device(known.settings, len(self.devices), known.owner, known.frame, known.session)
+            device.left_at = self.now()
+            self.devices[device.name] = device
+            if self._recorder is not None:
+                for session in range(known.session + 1):
+                    self._recorder.user(known.settings, session)
+        self.modules = dict(roster.modules)
 
     # Coming and going
 
@@ -153,7 +177,8 @@ class Room:
         if join.users and self.recorded not in (None, recorded):
             kind = "a recording" if self.recorded else "people who walk now"
             raise MessageError("time", f"this room plays {kind}: open another room")
-        owner = join.resume or secrets.token_urlsafe(24)
+        secret = join.resume or secrets.token_urlsafe(24)
+        owner = sha256(secret.encode()).hexdigest()
         names = [user.name for user in join.users]
         if len(set(names)) != len(names):
             raise MessageError("name", "two devices of one connection have the same name")
@@ -161,13 +186,15 @@ class Room:
             self._check_settings(user, owner)
         if len(self.devices.keys() | set(names)) > MOST_DEVICES:
             raise MessageError("full", f"the room has its {MOST_DEVICES} devices: open another room")
-        if join.users:
+        if join.users and self.recorded is None:
             self.recorded = recorded
+            if self.begun is not None:
+                self.begun(recorded)
         for user in join.users:
             if user.name not in self.devices:
                 self.devices[user.name] = Device(user, len(self.devices), owner)
                 self._feed_user(self.devices[user.name])
-        return Ticket(names, recorded, owner), owner
+        return Ticket(names, recorded), secret
 
     def connect(self, ticket: Ticket) -> Client:
         """Its connection stands: it is told everything as it is now."""
@@ -333,7 +360,7 @@ class Room:
                 self._need_recorded(client)
                 self._finishing.append(client)
                 if self.solver is not None:
-                    self.solver.finish()
+                    self.solver.finish(message.t)
             case m.Create():
                 if message.user is not None:
                     self._own(client, message.user)
@@ -410,6 +437,7 @@ class Room:
             raise MessageError("address", f"address {message.address} is the module of {owner}: give it another one")
         self.modules = {a: name for a, name in self.modules.items() if name != device.name}
         self.modules[message.address] = device.name
+        self.roster_version += 1
         key = self.module_key(message.address).hex()
         client.outbox.put(m.encode(m.ModuleKey(device.name, message.address, self.radio_session, key, self.udp_port)))
 
@@ -554,6 +582,7 @@ class Room:
         return [device.member() for device in self.devices.values()]
 
     def _tell_members(self) -> None:
+        self.roster_version += 1
         self._broadcast(m.Members(self._members()))
 
     def _broadcast(self, message: Any) -> None:

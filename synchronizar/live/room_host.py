@@ -9,10 +9,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from synchronizar.errors import InputError
+from synchronizar.live.object_file import ObjectFile
 from synchronizar.live.recorder import RESUME_FILE, STATE_FILE, FolderRecorder
+from synchronizar.live.resuming import begin_again, tail
 from synchronizar.live.room import Room
+from synchronizar.live.roster import Roster, write_roster
 from synchronizar.live.solver import SolverProcess
-from synchronizar.live.solver_wire import Begin
+from synchronizar.live.solver_wire import Advance, Begin
 
 TICK_S = 1.0 / 30.0
 FLUSH_S = 1.0
@@ -32,26 +35,50 @@ class RoomClock:
 class RoomHost:
     """Keeps one room going until it is closed."""
 
-    def __init__(self, room: Room, recorder: FolderRecorder | None) -> None:
+    def __init__(self, room: Room, workers: int, recorder: FolderRecorder | None, objects: ObjectFile | None) -> None:
+        """`workers` search beside the solver, where time is live."""
         self.room = room
-        self._recorder = recorder
-        self._temporary = None if recorder is not None else tempfile.TemporaryDirectory(prefix="synchronizar-")
-        self._state = Path(self._temporary.name if self._temporary else recorder.folder) / STATE_FILE  # type: ignore[union-attr]
-        self._offsets: dict[int, dict[str, int]] = {}
-        self._tasks: list[asyncio.Task[None]] = []
         self.solver: SolverProcess | None = None
+        self._workers, self._recorder, self._objects = workers, recorder, objects
+        self._temporary = tempfile.TemporaryDirectory(prefix="synchronizar-") if recorder is None else None
+        self._state = (Path(self._temporary.name) if recorder is None else recorder.folder) / STATE_FILE  # type: ignore[union-attr]
+        self._offsets: dict[int, dict[str, int]] = {}
+        self._roster_version = -1
+        self._tasks: list[asyncio.Task[None]] = []
 
-    def start(self, workers: int, begin: Begin | None = None) -> None:
+    def start(self) -> None:
         """Begin its tasks; there must be a running loop."""
-        room = self.room
-        self.solver = SolverProcess(
-            room.told, room.finished, room.event, self._state, begin or Begin(workers), self._saved, self._saving
-        )
-        room.solver = self.solver
-        beats = [self.solver.run(), self._ticks()]
+        beats = [self._ticks()]
         if self._recorder is not None:
             beats.append(self._flushes(self._recorder))
         self._tasks = [asyncio.create_task(beat) for beat in beats]
+        self.room.begun = lambda recorded: self._solve(Begin(0 if recorded else self._workers))
+
+    def resume(self, roster: Roster) -> None:
+        """Go on where the room's folder ends. Raises InputError where it cannot be read."""
+        assert self._recorder is not None
+        folder, room = self._recorder.folder, self.room
+        room.restore(roster)
+        if not roster.devices:
+            return
+        begin, offsets = begin_again(folder, self._workers)
+        room.recorded, room.begun = False, None
+        self._solve(begin)
+        assert self.solver is not None
+        for command in tail(folder, roster.devices, begin, offsets):
+            if isinstance(command, Advance):
+                self.solver.advance(command.t)
+            else:
+                self.solver.feed(command)
+        if self._objects is not None:
+            room.objects.restore(self._objects.load())
+
+    def _solve(self, begin: Begin) -> None:
+        """Begin the solver."""
+        room = self.room
+        self.solver = SolverProcess(room.told, room.finished, room.event, self._state, begin, self._saved, self._saving)
+        room.solver = self.solver
+        self._tasks.append(asyncio.create_task(self.solver.run()))
 
     async def close(self) -> None:
         """Everything on disk, and nothing left running."""
@@ -62,7 +89,11 @@ class RoomHost:
             with suppress(asyncio.CancelledError):
                 await task
         if self._recorder is not None:
-            await asyncio.to_thread(self._recorder.close)
+            with suppress(InputError):
+                await asyncio.to_thread(self._flush, self._recorder)
+            self._recorder.close()
+        if self._objects is not None:
+            self._objects.close()
         if self._temporary is not None:
             self._temporary.cleanup()
 
@@ -80,12 +111,20 @@ class RoomHost:
         while True:
             await asyncio.sleep(FLUSH_S)
             try:
-                await asyncio.to_thread(recorder.flush)
+                await asyncio.to_thread(self._flush, recorder)
                 told = False
             except InputError as error:
                 if not told:
                     self.room.event(f"the room is not recorded: {error}")
                 told = True
+
+    def _flush(self, recorder: FolderRecorder) -> None:
+        recorder.flush()
+        if self._objects is not None:
+            self._objects.flush()
+        if (version := self.room.roster_version) != self._roster_version:
+            write_roster(recorder.folder, self.room.roster())
+            self._roster_version = version
 
     def _saving(self, serial: int) -> None:
         """A state with all blocks up to `serial` is being written: what is recorded until now is in it."""

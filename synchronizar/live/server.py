@@ -19,9 +19,11 @@ from aiohttp import web
 from synchronizar.errors import InputError
 from synchronizar.live.certificates import own_addresses, server_context
 from synchronizar.live.lobby import Lobby, new_code
+from synchronizar.live.object_file import OBJECTS_FILE, ObjectFile
 from synchronizar.live.recorder import FolderRecorder
 from synchronizar.live.room import Room
 from synchronizar.live.room_host import RoomClock, RoomHost
+from synchronizar.live.roster import Roster, read_roster
 from synchronizar.live.web import application
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -38,6 +40,8 @@ class ServerOptions:
     udp_port: int = 47190
     record: Path | None = None
     """A folder in which each room writes its own."""
+    resume: bool = False
+    """Go on with all rooms that were recorded in that folder."""
     certificate: Path | None = None
     """PEM file with certificate and key; None: a self-signed one."""
     tls: bool = True
@@ -49,6 +53,8 @@ async def serve(options: ServerOptions, started: Callable[[dict[str, object]], N
     """Serve until somebody ends it; `started` hears where, once it listens. Raises InputError where it cannot."""
     if not options.tls and options.host not in LOOPBACK:
         raise InputError("--no-tls", "a phone needs https: without TLS the server listens at --host 127.0.0.1 alone")
+    if options.resume and options.record is None:
+        raise InputError("--resume", "needs --record DIR: the folder in which the rooms were recorded")
     context = server_context(options.certificate)[0] if options.tls else None
     server = Server(options, context)
     try:
@@ -86,7 +92,7 @@ class Server:
         name = options.host if options.host not in (None, "0.0.0.0", "::") else own_addresses()[0]
         host = f"[{name}]" if name and ":" in name else name
         self._url = f"{'https' if self._context else 'http'}://{host}:{port}"
-        room = self.open_room()
+        room = self.open_rooms_again()[-1] if options.resume else self.open_room()
         return {"url": self._url, "room": room.code, "join": self.join_address(room.code), "udp_port": room.udp_port}
 
     def join_address(self, code: str) -> str:
@@ -94,16 +100,37 @@ class Server:
         return f"{self._url}/#{code}"
 
     def open_room(self) -> Room:
-        """One more room."""
-        recorder = None
-        if self.options.record is not None:
-            stamp = time.strftime("%Y%m%d-%H%M%S")
-            recorder = FolderRecorder(self.options.record / f"room-{stamp}-{secrets.token_hex(2)}")
-        room = Room(new_code(), self.clock, recorder=recorder, udp_port=self.options.udp_port)
-        host = RoomHost(room, recorder)
-        host.start(self.options.workers)
-        self.lobby.rooms[room.code] = room
+        """One more room. Raises InputError where its folder cannot be written."""
+        if self.options.record is None:
+            return self._host(Room(new_code(), self.clock, udp_port=self.options.udp_port), None, None)
+        name = f"room-{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}"
+        return self._recorded_room(self.options.record / name, None)
+
+    def open_rooms_again(self) -> list[Room]:
+        """All rooms that were recorded here before. Raises InputError where there is none, or one cannot be read."""
+        assert self.options.record is not None
+        folders = sorted(self.options.record.glob("room-*"))
+        known = [(folder, roster) for folder in folders if (roster := read_roster(folder)) is not None]
+        if not known:
+            raise InputError(self.options.record, "no room was recorded here by this user: leave --resume out")
+        return [self._recorded_room(folder, roster) for folder, roster in known]
+
+    def _recorded_room(self, folder: Path, roster: Roster | None) -> Room:
+        recorder = FolderRecorder(folder)
+        objects = ObjectFile(folder / OBJECTS_FILE)
+        code, key = (new_code(), None) if roster is None else (roster.code, bytes.fromhex(roster.key))
+        room = Room(code, self.clock, key, recorder, self.options.udp_port, saved=objects.save)
+        return self._host(room, recorder, objects, roster)
+
+    def _host(
+        self, room: Room, recorder: FolderRecorder | None, objects: ObjectFile | None, roster: Roster | None = None
+    ) -> Room:
+        host = RoomHost(room, self.options.workers, recorder, objects)
+        host.start()
         self.hosts.append(host)
+        if roster is not None:
+            host.resume(roster)
+        self.lobby.rooms[room.code] = room
         return room
 
     async def close(self) -> None:

@@ -48,8 +48,8 @@ class Solver(Protocol):
     def advance(self, t: float) -> None:
         """It is `t`: tell what is known."""
 
-    def finish(self) -> None:
-        """Nothing more comes: tell the answer."""
+    def finish(self, t: float) -> None:
+        """Nothing more comes after `t`: tell the answer."""
 
     async def drained(self) -> None:
         """Until nearly everything that was asked is answered."""
@@ -96,6 +96,11 @@ class SolverProcess:
         """Of the latest block."""
         return self._serial
 
+    @property
+    def process_id(self) -> int | None:
+        """Of its process, while there is one."""
+        return None if self._process is None else self._process.pid
+
     def feed(self, command: Command) -> None:
         """Something that a device said; it goes with the next question."""
         if isinstance(command, NewFrame):
@@ -118,9 +123,9 @@ class SolverProcess:
                 self._saving_hook(self._serial + 1)
         self._send()
 
-    def finish(self) -> None:
+    def finish(self, t: float) -> None:
         """Ask for the answer."""
-        self._pending.append(Finish())
+        self._pending.append(Finish(t))
         self._send()
 
     async def drained(self) -> None:

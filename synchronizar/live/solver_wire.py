@@ -70,7 +70,9 @@ class Save(_Word, tag="s"):
 
 
 class Finish(_Word, tag="f"):
-    """Nothing more comes: tell the answer."""
+    """Nothing more comes after `t`: tell the answer."""
+
+    t: float
 
 
 Command: TypeAlias = AddUser | Pose | Range | Lost | NewFrame | Advance | Save | Finish

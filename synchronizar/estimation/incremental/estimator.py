@@ -188,6 +188,11 @@ class Estimator:
         self._told = self.refused.copy()
         return [*events, *(f"{what}: refused, {count} time{'s' * (count > 1)}" for what, count in sorted(news.items()))]
 
+    def complete(self, t: float) -> list[str]:
+        """As `advance`, where nothing more will come: searches once more in all that has come."""
+        events = self.advance(t)
+        return [*events, *(self._engine.complete(float(t)) if self._engine is not None else [])]
+
     def registration(self) -> Registration:
         """What is known now, as `register` tells it: frames at each user's last pose, states, progress and cues.
 
