@@ -17,7 +17,7 @@ import numpy as np
 from synchronizar.live import messages, pose_wire
 
 PAGE = Path(__file__).parent.parent / "docs" / "protocol.md"
-BEGIN = PAGE.parent.parent / "tools" / "protocol_begin.md"
+BEGIN = PAGE.parent.parent / "tools" / "protocol_begin.txt"
 
 
 def main() -> int:
