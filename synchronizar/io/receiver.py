@@ -18,6 +18,7 @@ from synchronizar.io.datagrams import (
     SIGHT_UNKNOWN,
     UNKNOWN_POWER,
     UNKNOWN_SIGMA,
+    KeyOf,
     RangesDatagram,
     Window,
     WireError,
@@ -34,14 +35,14 @@ class _Taken(NamedTuple):
 class Receiver:
     """Collects the datagrams of one session, in any order, each once; no input makes it fail.
 
-    `users` are the names of users by address.
+    `key_of` knows the keys of the session's reporters; `users` are the names of users by address.
     """
 
-    def __init__(self, session: int, key: bytes, users: Mapping[int, str]) -> None:
+    def __init__(self, key_of: KeyOf, users: Mapping[int, str]) -> None:
         self.refused: Counter[str] = Counter()
-        """Number of refused datagrams by reason: that of WireError, `session` for another session's, `sequence` for one
-        that came before or is too old."""
-        self._session, self._key, self._users = session, key, dict(users)
+        """Number of refused datagrams by reason: that of WireError, `sequence` for one that came before or is too
+        old."""
+        self._key_of, self._users = key_of, dict(users)
         self._windows: defaultdict[int, Window] = defaultdict(Window)
         self._dropped: dict[tuple[int, int], int] = {}
         self._taken: list[_Taken] = []
@@ -104,9 +105,7 @@ class Receiver:
 
     def _checked(self, datagram: bytes) -> RangesDatagram:
         """The datagram, decoded. Raises WireError where it is refused."""
-        decoded = decode_ranges(datagram, self._key)
-        if decoded.session != self._session:
-            raise WireError("session")
+        decoded = decode_ranges(datagram, self._key_of)
         if not self._windows[decoded.reporter].take(decoded.sequence):
             raise WireError("sequence")
         return decoded

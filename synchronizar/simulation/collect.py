@@ -30,7 +30,7 @@ class Collected(NamedTuple):
 
 def collect(scenario: Scenario, users: Sequence[User], frames: bool = False) -> Collected:
     """Ranges from a scenario whose modules are those of `users`, in their order. Raises InputError as `events` does."""
-    receiver = Receiver(scenario.session, scenario.key, {i: user.name for i, user in enumerate(users)})
+    receiver = Receiver(scenario.keys(), {i: user.name for i, user in enumerate(users)})
     on_air: list[Frame] = []
     measured: list[float] = []
     count = 0

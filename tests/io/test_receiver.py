@@ -11,7 +11,7 @@ from support.datagrams import some_ranges
 
 from synchronizar.arrays import Array
 from synchronizar.data.user import User
-from synchronizar.io.datagrams import RangesDatagram, encode_ranges
+from synchronizar.io.datagrams import RangesDatagram, RoomKeys, encode_ranges, reporter_key
 from synchronizar.io.range_clock import MAX_SKEW, RangeClock
 from synchronizar.io.receiver import Receiver
 
@@ -23,7 +23,7 @@ USERS = (User("alice"), User("beacon", static=True), User("bob", antennas={"top"
 
 @pytest.fixture
 def receiver() -> Receiver:
-    return Receiver(SESSION, KEY, NAMES)
+    return Receiver(RoomKeys(SESSION, KEY), NAMES)
 
 
 def some_datagram(**change: object) -> RangesDatagram:
@@ -32,7 +32,11 @@ def some_datagram(**change: object) -> RangesDatagram:
 
 
 def take(receiver: Receiver, arrived: float = 100.0, **change: object) -> RangesDatagram | None:
-    return receiver.take(encode_ranges(some_datagram(**change), KEY), arrived)
+    return receiver.take(sealed(some_datagram(**change)), arrived)
+
+
+def sealed(said: RangesDatagram, room: bytes = KEY) -> bytes:
+    return encode_ranges(said, reporter_key(room, said.session, said.reporter))
 
 
 # ---- what is taken ----
@@ -67,25 +71,34 @@ def test_a_reporter_may_restart_and_what_it_said_before_is_too_old(receiver: Rec
 
 
 def test_refusals_are_counted_by_their_reason(receiver: Receiver) -> None:
-    good = encode_ranges(some_datagram(), KEY)
+    good = sealed(some_datagram())
     assert receiver.take(b"", 0.0) is None
     assert receiver.take(good[:-1], 0.0) is None
     assert receiver.take(good[:-1] + bytes([good[-1] ^ 1]), 0.0) is None
-    assert receiver.take(encode_ranges(some_datagram(), bytes(32)), 0.0) is None
+    assert receiver.take(sealed(some_datagram(), bytes(32)), 0.0) is None
+    assert receiver.take(encode_ranges(some_datagram(), KEY), 0.0) is None
     assert take(receiver, session=6) is None
-    assert dict(receiver.refused) == {"size": 1, "tag": 3, "session": 1}
+    assert dict(receiver.refused) == {"size": 1, "tag": 4, "session": 1}
     assert len(receiver.ranges(USERS)) == 0
 
 
 def test_what_is_refused_uses_up_no_sequence(receiver: Receiver) -> None:
-    receiver.take(encode_ranges(some_datagram(sequence=10**6), bytes(32)), 0.0)
+    receiver.take(sealed(some_datagram(sequence=10**6), bytes(32)), 0.0)
     take(receiver, sequence=10**6, session=6)
     assert take(receiver, sequence=1) is not None
 
 
+def test_nobody_speaks_for_another(receiver: Receiver) -> None:
+    """Whoever has the key of 8, and even writes 7's address, is not taken for 7."""
+    own = reporter_key(KEY, SESSION, 8)
+    assert receiver.take(encode_ranges(some_datagram(reporter=7), own), 0.0) is None
+    assert receiver.take(encode_ranges(some_datagram(reporter=8), own), 0.0) is not None
+    assert dict(receiver.refused) == {"tag": 1}
+
+
 @given(st.lists(st.binary(max_size=900), max_size=5))
 def test_nothing_that_comes_in_makes_it_fail(datagrams: list[bytes]) -> None:
-    receiver = Receiver(SESSION, KEY, NAMES)
+    receiver = Receiver(RoomKeys(SESSION, KEY), NAMES)
     for datagram in datagrams:
         assert receiver.take(datagram, 0.0) is None
     assert receiver.refused.total() == len(datagrams)
@@ -156,7 +169,7 @@ def test_ranges_of_strangers_are_left_out(receiver: Receiver) -> None:
 
 
 def test_two_modules_of_one_user_are_at_no_distance() -> None:
-    receiver = Receiver(SESSION, KEY, {7: "alice", 9: "alice"})
+    receiver = Receiver(RoomKeys(SESSION, KEY), {7: "alice", 9: "alice"})
     take(receiver)
     assert len(receiver.ranges(USERS)) == 0
 

@@ -19,7 +19,7 @@ from synchronizar.cli import main
 from synchronizar.data.ranges import SOURCES
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
-from synchronizar.io.datagrams import RangesDatagram, encode_ranges
+from synchronizar.io.datagrams import RangesDatagram, encode_ranges, reporter_key
 from synchronizar.io.receiver import Receiver
 from synchronizar.simulation import air, collect, modules
 from synchronizar.simulation.modules import CRYSTAL_PPM, MOST_M, Heard, simulate_modules
@@ -30,7 +30,7 @@ from synchronizar.simulation.simulate import simulate
 WALK = Scene(users=3, seconds=4.0, seed=5)
 PRECISE = replace(WALK, sigma=0.0)
 HERE = np.zeros((1, 3))
-WORD = encode_ranges(RangesDatagram(3, 3, 1, 13, 0, 0, some_ranges([4], [1000])), bytes(32))
+WORD = encode_ranges(RangesDatagram(3, 3, 1, 13, 0, 0, some_ranges([4], [1000])), reporter_key(bytes(32), 3, 3))
 ONE = Scenario(1.0, "one-to-n", 2, 3, bytes(32), 0.01, 0.1, [Module(1.5, -2.5, 0.25, np.zeros(1), HERE)])
 
 
@@ -83,7 +83,6 @@ def test_a_scenario_is_written_as_the_program_reads_it() -> None:
         seconds 1.0
         scheme one-to-n
         session 3
-        key {"00" * 32}
         channel 5
         prf 64
         range_s 0
@@ -91,8 +90,10 @@ def test_a_scenario_is_written_as_the_program_reads_it() -> None:
         stamp_sigma 0.01
         frame_loss 0.1
         node 0 ppm 1.5 board_ppm -2.5 on 0.25 off inf antenna_delay_error 0.0 temperature 23.0
+        key 0 {reporter_key(bytes(32), 3, 0).hex()}
         at 0 0.0 0.0 0.0 0.0
         node 1 ppm -20.0 board_ppm 20.0 on 0.0 off 0.75 antenna_delay_error 0.125 temperature 23.0
+        key 1 {reporter_key(bytes(32), 3, 1).hex()}
         at 1 0.0 1.0 2.0 3.0
         at 1 0.5 1.0 2.5 3.0
         late 0 1 0.25 0.5 1.5
@@ -318,7 +319,7 @@ def test_how_late_stamps_are_is_told_by_the_datagrams_whose_truth_is_known(monke
     def some_events(*_: object) -> Iterator[air.Datagram]:
         for i, (delay, measured) in enumerate(((0.004, 1.0), (0.003, float("nan")), (0.003, 3.0), (0.007, 4.0))):
             said = RangesDatagram(3, 0, i, 13, 10**9 * i, 0, some_ranges([1], [1000]))
-            yield air.Datagram(1.0 + i + delay, encode_ranges(said, bytes(32)), measured)
+            yield air.Datagram(1.0 + i + delay, encode_ranges(said, reporter_key(bytes(32), 3, 0)), measured)
 
     monkeypatch.setattr(collect, "events", some_events)
     collected = collect.collect(ONE, simulate(Scene(users=2)).recording.users)
@@ -339,7 +340,7 @@ def test_stamps_stay_equally_late_while_the_network_s_clock_drifts() -> None:
     """The coordinator's crystal is 15 ppm fast, its clock 27 ms ahead after half an hour."""
     fast, slow = (Module(ppm, ppm, on, np.zeros(1), HERE + x) for ppm, on, x in ((15.0, 0.0, 0.0), (-15.0, 0.1, 2.0)))
     scenario = replace(ONE, seconds=1800.0, scheme="polling", modules=[fast, slow])
-    receiver, measured, newest = Receiver(scenario.session, scenario.key, {}), [], []
+    receiver, measured, newest = Receiver(scenario.keys(), {}), [], []
     for event in air.events(scenario):
         assert isinstance(event, air.Datagram)
         said = receiver.take(event.payload, event.t)
