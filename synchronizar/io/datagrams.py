@@ -159,7 +159,7 @@ def encode_ranges(datagram: RangesDatagram, key: bytes) -> bytes:
 
 
 def decode_ranges(datagram: bytes, key_of: KeyOf) -> RangesDatagram:
-    """The datagram in the bytes. Raises WireError for other bytes, a sender without a key, or the tag of another key."""
+    """The datagram in the bytes. Raises WireError for other bytes, a sender without a key, or another key's tag."""
     if not _RANGES.size + TAG_SIZE <= len(datagram) <= _MAX_SIZE:
         raise WireError("size")
     *header, time_ns, epoch, dropped = _RANGES.unpack_from(datagram)

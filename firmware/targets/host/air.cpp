@@ -113,8 +113,7 @@ class Socket {
 // The network between the modules of a world and the collector.
 class Network {
  public:
-  Network(air::World& world, const air::World::Settings& settings, std::uint16_t port)
-      : world_(world) {
+  Network(air::World& world, const air::World::Settings& settings, std::uint16_t port) : world_(world) {
     for (const auto& [address, module] : world.modules())
       stations_.try_emplace(address, air::Dice{settings.medium.seed, kWifiDice, address}, port);
     world.on_datagram = [this](std::uint16_t from, const std::uint8_t* datagram, std::size_t size) {

@@ -291,7 +291,7 @@ void orders_of_another_start_or_played_again_are_not_followed() {
   const auto member = static_cast<std::uint16_t>(first == 1 ? 2 : 1);
   tell(room, order_for(member, std::uint64_t{1} << 32, 100));  // of its next start
   tell(room, order_for(member, 1000000, 100));                 // answers what it has not said yet
-  tell(room, order_for(member, 3, 100), key_of(first));         // by whoever has another module's key
+  tell(room, order_for(member, 3, 100), key_of(first));        // by whoever has another module's key
   room.run(2.5);
   CHECK(!room.world.module(member).board().asleep());
   tell(room, order_for(member, 3, 1));

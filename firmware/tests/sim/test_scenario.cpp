@@ -146,7 +146,8 @@ void each_fault_is_named_with_its_line() {
   };
   for (const Fault& expected : faults) {
     const std::string found = fault_of(expected.line);
-    if (found != "room.txt:10: " + expected.words) std::cerr << "'" << expected.line << "': " << found << '\n';
+    if (found != "room.txt:10: " + expected.words)
+      std::cerr << "'" << expected.line << "': " << found << '\n';
     CHECK(found == "room.txt:10: " + expected.words);
   }
 }
