@@ -20,7 +20,7 @@ from synchronizar.data.ranges import SOURCES
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
 from synchronizar.io.datagrams import RangesDatagram, encode_ranges, reporter_key
-from synchronizar.io.receiver import Receiver
+from synchronizar.io.receiver import Receiver, stamp_all
 from synchronizar.simulation import air, collect, modules
 from synchronizar.simulation.modules import CRYSTAL_PPM, MOST_M, Heard, simulate_modules
 from synchronizar.simulation.scenario import MOST_MODULES, Blocked, Module, Scenario
@@ -340,18 +340,27 @@ def test_stamps_stay_equally_late_while_the_network_s_clock_drifts() -> None:
     """The coordinator's crystal is 15 ppm fast, its clock 27 ms ahead after half an hour."""
     fast, slow = (Module(ppm, ppm, on, np.zeros(1), HERE + x) for ppm, on, x in ((15.0, 0.0, 0.0), (-15.0, 0.1, 2.0)))
     scenario = replace(ONE, seconds=1800.0, scheme="polling", modules=[fast, slow])
-    receiver, measured, newest = Receiver(scenario.keys(), {}), [], []
+    receiver, told, arrived, measured, newest = Receiver(scenario.keys()), [], [], [], []
+    live: dict[int, float] = {}
     for event in air.events(scenario):
         assert isinstance(event, air.Datagram)
-        said = receiver.take(event.payload, event.t)
-        if said is not None and len(said.ranges):
+        taken = receiver.take(event.payload, event.t)
+        assert taken is not None
+        live |= {one.datagram.sequence: float(one.t.max()) for one in taken.stamped}
+        if len((said := taken.datagram).ranges):
+            told.append(said)
+            arrived.append(event.t)
             measured.append(event.measured)
             newest.append(1e-9 * said.time_ns + 1e-6 * said.ranges["offset_us"].max())
     ahead = np.array(newest) - np.array(measured)
     assert ahead[-1] - ahead[0] == pytest.approx(15e-6 * (measured[-1] - measured[0]), rel=0.01)
-    behind = receiver.newest() - np.array(measured)
+    behind = np.array([one.t.max() for one in stamp_all(told, arrived)]) - np.array(measured)
     assert 0.0 < behind.mean() < 0.05
     assert np.ptp(behind) < 1e-3
+    assert list(live) == [said.sequence for said in told], "as they came, each once"
+    as_they_came = np.array(list(live.values())) - np.array(measured)
+    assert np.abs(as_they_came - behind.mean()).max() < 3e-3
+    assert np.abs(as_they_came - behind.mean())[100:].max() < 1e-3
 
 
 @needs_air
