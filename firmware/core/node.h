@@ -12,7 +12,7 @@ struct node_settings {
   uint32_t session;  // the PAN is its lower 16 bits
   uint16_t address;  // of this module, 0 to 0xFFFD; nobody else's in the session
   uint64_t eui64;
-  uint8_t key[WIRE_KEY_SIZE];  // of the session
+  uint8_t key[WIRE_KEY_SIZE];  // of this module, as the room gave it
   uint32_t restarts;           // of this module so far; has to rise
   uint8_t scheme;              // timetable_scheme, where this module coordinates
   uint8_t channel;             // of the radio, and

@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define WIRE_VERSION 1
+#define WIRE_VERSION 2
 #define WIRE_KEY_SIZE 32
 #define WIRE_TAG_SIZE 16
 #define WIRE_MAX_RANGES 32
@@ -60,8 +60,8 @@ struct wire_order {
   uint32_t sleep_s;   // registered: sleep so long; 0: range on
 };
 
-// Bytes written, the tag of `key` at the end; 0 where a value is out of its bounds, so that no reader would
-// take them.
+// Bytes written, the tag of `key`, the module's own, at the end; 0 where a value is out of its bounds, so
+// that no reader would take them.
 size_t wire_write_ranges(const struct wire_ranges* ranges, const uint8_t key[WIRE_KEY_SIZE],
                          uint8_t bytes[WIRE_MAX_SIZE]);
 size_t wire_write_order(const struct wire_order* order, const uint8_t key[WIRE_KEY_SIZE],

@@ -1,5 +1,6 @@
 #include "firmware/sim/module.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -61,6 +62,7 @@ Module::Module(Events& events, Medium& medium, std::uint64_t seed, const struct 
              [this](Board&, bool slept) { return run(slept); }),
       settings_(common) {
   settings_.address = spec_.address;
+  std::copy(spec_.key.begin(), spec_.key.end(), settings_.key);
   settings_.eui64 = UINT64_C(0xACDE480000000000) | spec_.address;
   settings_.calibration.antenna_delay = static_cast<std::uint32_t>(nominal_delay_);
   settings_.calibration.temperature_cc = static_cast<std::int16_t>(kCalibratedAtC * 100.0);

@@ -1,6 +1,7 @@
 // A module as it is carried about: a board that runs the node, its radio, and what nature makes of the two.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -31,19 +32,22 @@ class Module {
     double antenna_delay_error_m = 0.0;  // by how much the delay that it is told makes ranges too long
     double temperature_c = 23.0;
   };
+  using Key = std::array<std::uint8_t, WIRE_KEY_SIZE>;
   struct Spec {
     std::uint16_t address = 0;
     Track track;
     std::vector<Stint> stints;  // in the order of time
+    Key key{};                  // what it says is tagged with it, and what it is told
   };
 
-  // `common`: the settings that all nodes of a session share.
+  // `common`: the settings that all nodes of a session share; address and key are the spec's.
   Module(Events& events, Medium& medium, std::uint64_t seed, const struct node_settings& common, Spec spec);
 
   std::uint16_t address() const { return spec_.address; }
   Board& board() { return board_; }
   const Board& board() const { return board_; }
   Chip& chip() { return chip_; }
+  const Key& key() const { return spec_.key; }
   const struct node& node() const { return node_; }  // means nothing where the board has no power or sleeps
   std::uint32_t starts() const { return starts_; }   // so far
 

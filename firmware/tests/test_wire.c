@@ -1,5 +1,7 @@
 #include <string.h>
 
+#include "blake2s.h"
+#include "bytes.h"
 #include "check.h"
 #include "wire_text.h"
 
@@ -11,6 +13,15 @@ static const struct {
 #include "vectors/wire_vectors.txt"
 };
 #define VECTORS (sizeof vectors / sizeof vectors[0])
+
+static const struct {
+  const char* room;
+  uint32_t session;
+  uint16_t address;
+  const char* own;
+} reporter_keys[] = {
+#include "vectors/reporter_keys.txt"
+};
 
 static uint8_t key[WIRE_KEY_SIZE];
 static char text[WIRE_TEXT_SIZE];
@@ -82,6 +93,20 @@ static void every_bit_is_under_the_tag(void) {
     bytes[bit / 8] ^= (uint8_t)(1U << bit % 8);
     CHECK(!wire_read_order(bytes, size, key, &order_read));
     bytes[bit / 8] ^= (uint8_t)(1U << bit % 8);
+  }
+}
+
+// A module is given its key and cannot derive it; that PROTOCOL.md's recipe is the one is seen all the same.
+static void a_reporter_s_key_is_what_the_recipe_makes(void) {
+  for (size_t i = 0; i < sizeof reporter_keys / sizeof reporter_keys[0]; ++i) {
+    uint8_t room[WIRE_KEY_SIZE], own[WIRE_KEY_SIZE], made[WIRE_KEY_SIZE];
+    CHECK_EQUAL(wire_text_bytes(reporter_keys[i].room, room, sizeof room), WIRE_KEY_SIZE);
+    CHECK_EQUAL(wire_text_bytes(reporter_keys[i].own, own, sizeof own), WIRE_KEY_SIZE);
+    uint8_t said[27] = "synchronizar reporter";
+    bytes_put(said + 21, reporter_keys[i].session, 4);
+    bytes_put(said + 25, reporter_keys[i].address, 2);
+    blake2s(made, sizeof made, room, sizeof room, said, sizeof said);
+    CHECK_EQUAL(memcmp(made, own, sizeof own), 0);
   }
 }
 
@@ -197,6 +222,7 @@ int main(void) {
   what_is_read_is_written_as_the_same_bytes();
   every_bit_is_under_the_tag();
   every_bit_of_the_key_counts();
+  a_reporter_s_key_is_what_the_recipe_makes();
   no_length_but_the_right_one_is_read();
   what_no_reader_takes_is_not_written();
   a_sequence_is_taken_once();

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from hashlib import blake2s
 from hmac import compare_digest
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,10 @@ from synchronizar.arrays import Mask
 from synchronizar.data.ranges import SOURCES
 
 MAGIC = b"SYNC"
-VERSION = 1
+VERSION = 2
+"""What is written: the tag is of the reporter's own key."""
+ROOM_KEY_VERSION = 1
+"""The version before, with the same layout: its tag is of the room's key, which all members then have."""
 RANGES, ORDER = 1, 2
 MEASURED, DOUBTFUL, FAILED = 0, 1, 2
 CLEAR, BLOCKED, SIGHT_UNKNOWN = 0, 1, 255
@@ -94,8 +97,53 @@ class OrderDatagram:
     """s that the module, now registered, may sleep; 0: it goes on ranging."""
 
 
+class Sender(NamedTuple):
+    """Who a datagram says that it is from: read before its tag is checked, to find the key and for nothing else."""
+
+    version: int
+    session: int
+    address: int
+
+
+KeyOf = Callable[[Sender], bytes]
+"""The key of a sender's tag. Raises WireError where it has none, with the reason as message."""
+
+
+def reporter_key(key: bytes, session: int, address: int) -> bytes:
+    """The key of one reporter, from the room's: whoever has it can speak for that address and for nobody else."""
+    _check_key(key)
+    data = b"synchronizar reporter" + session.to_bytes(4, "little") + address.to_bytes(2, "little")
+    return blake2s(data, digest_size=KEY_SIZE, key=key).digest()
+
+
+class RoomKeys:
+    """Keys of all reporters of one session, derived from the room's key. Version 1 is refused unless allowed."""
+
+    def __init__(self, session: int, key: bytes, allow_version_1: bool = False) -> None:
+        _check_key(key)
+        self._session, self._key, self._allow_version_1 = session, key, allow_version_1
+        self._derived: dict[int, bytes] = {}
+
+    def of(self, address: int) -> bytes:
+        """The key that the reporter with this address is given at provisioning."""
+        _check_address(address)
+        if address not in self._derived:
+            self._derived[address] = reporter_key(self._key, self._session, address)
+        return self._derived[address]
+
+    def __call__(self, sender: Sender) -> bytes:
+        """The key of a sender's tag. Raises WireError for other versions, sessions, and what is no address."""
+        if sender.session != self._session:
+            raise WireError("session")
+        if sender.version == VERSION:
+            return self.of(sender.address)
+        if sender.version == ROOM_KEY_VERSION and self._allow_version_1:
+            return self._key
+        raise WireError("version")
+
+
 def encode_ranges(datagram: RangesDatagram, key: bytes) -> bytes:
-    """Bytes of the datagram with the tag of the session's key. Raises WireError where a value is out of its bounds."""
+    """Bytes of the datagram with the tag of the reporter's key. Raises WireError where a value is out of its bounds."""
     _check_numbers(
         (datagram.session, _U32), (datagram.sequence, _U64), (datagram.epoch, _U32), (datagram.dropped, _U32)
     )
@@ -110,13 +158,15 @@ def encode_ranges(datagram: RangesDatagram, key: bytes) -> bytes:
     return _tagged(body + datagram.ranges.tobytes(), key)
 
 
-def decode_ranges(datagram: bytes, key: bytes) -> RangesDatagram:
-    """The datagram in the bytes. Raises WireError for other bytes, or the tag of another key."""
+def decode_ranges(datagram: bytes, key_of: KeyOf) -> RangesDatagram:
+    """The datagram in the bytes. Raises WireError for other bytes, a sender without a key, or another key's tag."""
     if not _RANGES.size + TAG_SIZE <= len(datagram) <= _MAX_SIZE:
         raise WireError("size")
-    _check_tag(datagram, key)
     *header, time_ns, epoch, dropped = _RANGES.unpack_from(datagram)
-    count, session, reporter, sequence = _checked(header, RANGES)
+    _check_magic(datagram)
+    _, version, *_, session, reporter, _, _ = header
+    _check_tag(datagram, key_of(Sender(version, session, reporter)))
+    count, session, reporter, sequence = _checked(header, RANGES, (VERSION, ROOM_KEY_VERSION))
     if len(datagram) != _RANGES.size + count * RANGE.itemsize + TAG_SIZE:
         raise WireError("size")
     ranges = np.frombuffer(datagram, RANGE, count, _RANGES.size)
@@ -126,7 +176,7 @@ def decode_ranges(datagram: bytes, key: bytes) -> RangesDatagram:
 
 
 def encode_order(order: OrderDatagram, key: bytes) -> bytes:
-    """Bytes of the datagram with the tag of the session's key. Raises WireError where a value is out of its bounds."""
+    """Bytes of the datagram with the tag of the module's key. Raises WireError where a value is out of its bounds."""
     _check_numbers((order.session, _U32), (order.sequence, _U64), (order.sleep_s, _U32))
     _check_address(order.module)
     header = (MAGIC, VERSION, ORDER, 0, 0, order.session, order.module, 0, order.sequence)
@@ -138,8 +188,9 @@ def decode_order(datagram: bytes, key: bytes) -> OrderDatagram:
     if len(datagram) != _ORDER.size + TAG_SIZE:
         raise WireError("size")
     _check_tag(datagram, key)
+    _check_magic(datagram)
     *header, sleep_s = _ORDER.unpack_from(datagram)
-    count, session, module, sequence = _checked(header, ORDER)
+    count, session, module, sequence = _checked(header, ORDER, (VERSION,))
     if count:
         raise WireError("count")
     _check_address(module)
@@ -169,9 +220,13 @@ class Window:
 
 def _tag(body: bytes, key: bytes) -> bytes:
     """Message authentication code of TAG_SIZE bytes: keyed BLAKE2s."""
-    if len(key) != KEY_SIZE:
-        raise ValueError(f"a session's key has {KEY_SIZE} bytes")
+    _check_key(key)
     return blake2s(body, digest_size=TAG_SIZE, key=key).digest()
+
+
+def _check_key(key: bytes) -> None:
+    if len(key) != KEY_SIZE:
+        raise ValueError(f"a key has {KEY_SIZE} bytes")
 
 
 def _tagged(body: bytes, key: bytes) -> bytes:
@@ -183,12 +238,15 @@ def _check_tag(datagram: bytes, key: bytes) -> None:
         raise WireError("tag")
 
 
-def _checked(header: list[Any], expected_kind: int) -> tuple[int, int, int, int]:
-    """Count, session, address and sequence from the header that both kinds have."""
-    magic, version, kind, count, reserved_7, session, address, reserved_14, sequence = header
-    if magic != MAGIC:
+def _check_magic(datagram: bytes) -> None:
+    if not datagram.startswith(MAGIC):
         raise WireError("magic")
-    if version != VERSION:
+
+
+def _checked(header: list[Any], expected_kind: int, versions: tuple[int, ...]) -> tuple[int, int, int, int]:
+    """Count, session, address and sequence from the header that both kinds have."""
+    _, version, kind, count, reserved_7, session, address, reserved_14, sequence = header
+    if version not in versions:
         raise WireError("version")
     if kind != expected_kind:
         raise WireError("kind")

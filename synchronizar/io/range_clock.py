@@ -1,10 +1,10 @@
-"""One range clock: stamps of all networks' clocks converted to the receiver's clock.
+"""One range clock, fitted to all datagrams: stamps of all networks' clocks converted to the receiver's clock.
 
 Every network of modules has its own clock, and starts a new one (another epoch) when its coordinator restarts or two
 networks merge. A datagram arrives later than its newest range was measured, and the delay has a lower bound. So the
 receiver's time is a straight line over an epoch's time: of all lines with no datagram below them the one with the least
 sum of delays (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements, INFOCOM
-1999). A line has no jumps, and its slope is the skew of the two crystals.
+1999). A line has no jumps, and its slope is the skew of the two crystals. `live_clock` does the same as datagrams come.
 
 Two errors remain: the least delay itself, some milliseconds, constant within an epoch, which the solver's clock offsets
 absorb; and changes of the skew, 0.5 ms where it changes by 1 ppm within an hour.
@@ -23,6 +23,15 @@ MAX_SKEW = 1e-4
 """Two clocks do not drift apart faster: a UWB radio's is off by 20 ppm (IEEE 802.15.4), a computer's by 80 at most."""
 _THIRDS = 60
 """Steps of the ternary search for the skew, each of which removes a third of the bracket: to 1e-14."""
+
+
+class Below(NamedTuple):
+    """A line below all of some points, with the least sum of heights above it."""
+
+    skew: float
+    """Its slope."""
+    height: float
+    """Its value at x = 0."""
 
 
 class _Line(NamedTuple):
@@ -62,10 +71,17 @@ def _line_below(time_ns: NDArray[np.int64], arrived: Array) -> _Line:
     """The line below all (n,) arrivals with the least sum of delays."""
     base_ns = int(time_ns[0]) + round(float(np.mean(time_ns - time_ns[0])))
     x = 1e-9 * (time_ns - base_ns).astype(float)
-    y = arrived - x
+    line = line_below(x, arrived - x)
+    return _Line(base_ns, line.height, line.skew)
+
+
+def line_below(x: Array, y: Array) -> Below:
+    """The line below all (n,) points with the least sum of y above it, its slope within MAX_SKEW."""
+    middle = float(x.mean())
+    x = x - middle
 
     def height(skew: float) -> float:
-        """s: height, at the mean time, of the highest line of that skew below all arrivals; concave in skew."""
+        """Height, at the mean x, of the highest line of that skew below all points; concave in skew."""
         return float((y - skew * x).min())
 
     least, most = -MAX_SKEW, MAX_SKEW
@@ -77,4 +93,4 @@ def _line_below(time_ns: NDArray[np.int64], arrived: Array) -> _Line:
         if above <= below:
             most -= third
     skew = 0.5 * (least + most)
-    return _Line(base_ns, height(skew), skew)
+    return Below(skew, height(skew) - skew * middle)

@@ -15,7 +15,7 @@ from time import monotonic
 from typing import IO, NamedTuple
 
 from synchronizar.errors import InputError
-from synchronizar.io.datagrams import WireError, decode_ranges
+from synchronizar.io.datagrams import KeyOf, WireError, decode_ranges
 from synchronizar.simulation.scenario import Scenario
 
 PROGRAM = "synchronizar-air"
@@ -88,14 +88,14 @@ def _run(command: list[str], scenario: Scenario) -> Iterator[Datagram | Frame]:
                 pass_fds=[text.fileno()],
             ) as process:
                 try:
-                    yield from _parsed(process, collector, scenario.key)
+                    yield from _parsed(process, collector, scenario.keys())
                 finally:
                     process.kill()
         except (OSError, ValueError) as fault:
             raise ValueError(_last_fault(faults).replace(file, "scenario") or str(fault)) from fault
 
 
-def _parsed(process: subprocess.Popen[str], collector: socket.socket, key: bytes) -> Iterator[Datagram | Frame]:
+def _parsed(process: subprocess.Popen[str], collector: socket.socket, key_of: KeyOf) -> Iterator[Datagram | Frame]:
     """Events from the lines that the program prints. Raises ValueError where it ends early or with an error."""
     assert process.stdin is not None
     assert process.stdout is not None
@@ -103,7 +103,7 @@ def _parsed(process: subprocess.Popen[str], collector: socket.socket, key: bytes
     for line in process.stdout:
         match line.split():
             case ["sent", t, module, size, measured]:
-                payload = _received(collector, int(module), int(size), key)
+                payload = _received(collector, int(module), int(size), key_of)
                 yield Datagram(float(t), payload, float("nan") if measured == "-" else float(measured))
                 # Not through the pipe's buffer, which would keep a reply to a program that has ended. That it has, and
                 # how, is told below.
@@ -121,7 +121,7 @@ def _parsed(process: subprocess.Popen[str], collector: socket.socket, key: bytes
         raise ValueError(f"ended with status {status}{'' if done else ' before it was done'}")
 
 
-def _received(collector: socket.socket, module: int, size: int, key: bytes) -> bytes:
+def _received(collector: socket.socket, module: int, size: int, key_of: KeyOf) -> bytes:
     """The datagram that a module has sent; datagrams of others to the port are skipped."""
     until = monotonic() + WAIT_S
     while (left := until - monotonic()) > 0.0:
@@ -130,14 +130,14 @@ def _received(collector: socket.socket, module: int, size: int, key: bytes) -> b
             payload = collector.recv(MAX_DATAGRAM)
         except TimeoutError:
             break
-        if len(payload) == size and _is_from(module, payload, key):
+        if len(payload) == size and _is_from(module, payload, key_of):
             return payload
     raise ValueError(f"said that it sent a datagram of {module}, and none came within {WAIT_S:g} s")
 
 
-def _is_from(module: int, payload: bytes, key: bytes) -> bool:
+def _is_from(module: int, payload: bytes, key_of: KeyOf) -> bool:
     try:
-        return decode_ranges(payload, key).reporter == module
+        return decode_ranges(payload, key_of).reporter == module
     except WireError:
         return False
 

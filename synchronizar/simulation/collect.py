@@ -9,7 +9,8 @@ import numpy as np
 
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.user import User
-from synchronizar.io.receiver import Receiver
+from synchronizar.io.datagrams import RangesDatagram
+from synchronizar.io.receiver import Receiver, ranges_of, stamp_all
 from synchronizar.simulation.air import Frame, events
 from synchronizar.simulation.scenario import Scenario
 
@@ -30,7 +31,9 @@ class Collected(NamedTuple):
 
 def collect(scenario: Scenario, users: Sequence[User], frames: bool = False) -> Collected:
     """Ranges from a scenario whose modules are those of `users`, in their order. Raises InputError as `events` does."""
-    receiver = Receiver(scenario.session, scenario.key, {i: user.name for i, user in enumerate(users)})
+    receiver = Receiver(scenario.keys())
+    told: list[RangesDatagram] = []
+    arrived: list[float] = []
     on_air: list[Frame] = []
     measured: list[float] = []
     count = 0
@@ -40,9 +43,13 @@ def collect(scenario: Scenario, users: Sequence[User], frames: bool = False) -> 
             continue
         count += 1
         taken = receiver.take(event.payload, event.t)
-        if taken is not None and len(taken.ranges):
+        if taken is not None and len(taken.datagram.ranges):
+            told.append(taken.datagram)
+            arrived.append(event.t)
             measured.append(event.measured)
-    delay = receiver.newest() - np.array(measured)
+    stamped = stamp_all(told, arrived)
+    delay = np.array([one.t.max() for one in stamped]) - np.array(measured)
     delay = delay[np.isfinite(delay)]
     behind = float(delay.mean()) if len(delay) else 0.0
-    return Collected(receiver.ranges(users), behind, count, receiver.dropped, on_air)
+    ranges = ranges_of(stamped, users, {i: user.name for i, user in enumerate(users)})
+    return Collected(ranges, behind, count, receiver.dropped, on_air)

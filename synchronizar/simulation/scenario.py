@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from synchronizar.arrays import Array, Indices
+from synchronizar.io.datagrams import RoomKeys
 
 MOST_MODULES = 11
 """Modules in one network: FRAME_MEMBERS of firmware/core/frame.h."""
@@ -60,12 +61,17 @@ class Scenario:
     """Seed of all randomness in the air."""
     session: int
     key: bytes
+    """The room's, from which each module has its own."""
     stamp_sigma: float
     """m: 1 sigma of each stamp's noise."""
     frame_loss: float
     """Share of frames that a receiver misses, 0 to 1."""
     modules: Sequence[Module]
     blocked: Blocked | None = None
+
+    def keys(self) -> RoomKeys:
+        """Keys of the modules."""
+        return RoomKeys(self.session, self.key)
 
     def text(self) -> str:
         """The text that synchronizar-air reads."""
@@ -77,18 +83,19 @@ class Scenario:
         yield f"seconds {self.seconds}"
         yield f"scheme {self.scheme}"
         yield f"session {self.session}"
-        yield f"key {self.key.hex()}"
         yield f"channel {CHANNEL}"
         yield f"prf {PRF_MHZ}"
         yield "range_s 0"
         yield "sleep_s 0"
         yield f"stamp_sigma {self.stamp_sigma}"
         yield f"frame_loss {self.frame_loss}"
+        keys = self.keys()
         for address, module in enumerate(self.modules):
             yield (
                 f"node {address} ppm {module.ppm} board_ppm {module.board_ppm} on {module.on} off {module.off} "
                 f"antenna_delay_error {module.range_bias} temperature {ROOM_C}"
             )
+            yield f"key {address} {keys.of(address).hex()}"
             for t, (x, y, z) in zip(module.t.tolist(), module.position.tolist(), strict=True):
                 yield f"at {address} {t} {x} {y} {z}"
         if self.blocked is not None:

@@ -20,24 +20,38 @@ from synchronizar.io.datagrams import (
     RANGE,
     OrderDatagram,
     RangesDatagram,
+    RoomKeys,
+    Sender,
     Window,
     WireError,
     decode_order,
     decode_ranges,
     encode_order,
     encode_ranges,
+    reporter_key,
 )
 
 FIRMWARE = REPOSITORY / "firmware"
 KEY = bytes(range(32))
 VECTORS = re.findall(r'^\{"(.*)", "(.*)", "(.*)"\},$', (FIRMWARE / "tests/vectors/wire_vectors.txt").read_text(), re.M)
 
+REPORTER_KEYS = re.findall(
+    r'^\{"(.*)", (.*), (.*), "(.*)"\},$', (FIRMWARE / "tests/vectors/reporter_keys.txt").read_text(), re.M
+)
+
 Decoded = RangesDatagram | OrderDatagram
+
+
+def everybodys(sender: Sender) -> bytes:
+    """As the stored datagrams have it: whoever speaks has KEY."""
+    if sender.version != 2:
+        raise WireError("version")
+    return KEY
 
 
 def decode(datagram: bytes) -> Decoded:
     try:
-        return decode_ranges(datagram, KEY)
+        return decode_ranges(datagram, everybodys)
     except WireError:
         return decode_order(datagram, KEY)
 
@@ -67,7 +81,7 @@ def some_datagram(n: int = 2) -> RangesDatagram:
 
 
 def test_there_are_stored_datagrams() -> None:
-    assert len(VECTORS) == 53
+    assert len(VECTORS) == 55
 
 
 @pytest.mark.parametrize(("datagram", "said"), [pytest.param(*v[1:], id=v[0]) for v in VECTORS])
@@ -84,7 +98,7 @@ def test_what_is_read_is_written_as_the_same_bytes(datagram: str) -> None:
     ("expected", "change"),
     [
         ("magic", {0: 0x54}),
-        ("version", {4: 2}),
+        ("version", {4: 3}),
         ("kind", {5: 2}),
         ("size", {6: 3}),
         ("reserved", {7: 1}),
@@ -107,12 +121,14 @@ def test_a_refusal_says_why(expected: str, change: dict[int, int]) -> None:
     for at, value in change.items():
         said[at] = value
     with pytest.raises(WireError, match=f"^{expected}$"):
-        decode_ranges(sealed(bytes(said)), KEY)
+        decode_ranges(sealed(bytes(said)), everybodys)
 
 
-def test_the_tag_is_looked_at_before_anything_that_it_covers() -> None:
-    with pytest.raises(WireError, match=r"^tag$"):
-        decode_ranges(bytes(80), KEY)
+def test_the_tag_is_looked_at_before_all_that_finds_no_key() -> None:
+    said = encode_ranges(some_datagram(), bytes(32))
+    for at in range(5, len(said) - 16):
+        with pytest.raises(WireError, match=r"^tag$"):
+            decode_ranges(said[:at] + b"\xff" + said[at + 1 :], everybodys)
     with pytest.raises(WireError, match=r"^tag$"):
         decode_order(bytes(44), KEY)
 
@@ -205,15 +221,64 @@ def test_no_change_of_a_byte_goes_unnoticed(said: Decoded, data: st.DataObject) 
     datagram = bytearray(encode(said))
     datagram[data.draw(st.integers(0, len(datagram) - 1))] ^= data.draw(st.integers(1, 255))
     with pytest.raises(WireError, match=r"^(tag|size)$"):
-        decode(bytes(datagram))
+        decode(bytes(datagram))  # what finds no key as ranges is read as an order
 
 
 @given(st.binary(max_size=900), st.booleans())
 def test_any_bytes_are_read_or_refused(said: bytes, with_tag: bool) -> None:
     datagram = sealed(said) if with_tag else said
-    for read in (decode_ranges, decode_order):
-        with suppress(WireError):
-            read(datagram, KEY)
+    with suppress(WireError):
+        decode_ranges(datagram, everybodys)
+    with suppress(WireError):
+        decode_order(datagram, KEY)
+    with suppress(WireError):
+        decode_ranges(datagram, RoomKeys(5, KEY))
+
+
+# ---- keys ----
+
+
+@pytest.mark.parametrize(("room", "session", "address", "own"), REPORTER_KEYS)
+def test_each_reporter_has_a_key_of_its_own(room: str, session: str, address: str, own: str) -> None:
+    key = reporter_key(bytes.fromhex(room), int(session), int(address))
+    assert key.hex() == own
+    assert RoomKeys(int(session), bytes.fromhex(room)).of(int(address)) == key
+
+
+def test_a_room_finds_the_key_of_whoever_speaks() -> None:
+    keys = RoomKeys(5, KEY)
+    assert decode_ranges(encode_ranges(some_datagram(), keys.of(7)), keys).reporter == 7
+    for key in (KEY, keys.of(8), reporter_key(KEY, 6, 7), reporter_key(bytes(32), 5, 7)):
+        with pytest.raises(WireError, match=r"^tag$"):
+            decode_ranges(encode_ranges(some_datagram(), key), keys)
+
+
+@pytest.mark.parametrize(
+    ("reason", "change"),
+    [("session", {"session": 6}), ("address", {"reporter": 0xFFFE}), ("version", {"version": 1})],
+)
+def test_who_can_have_no_key_is_refused_before_the_tag(reason: str, change: dict[str, int]) -> None:
+    said = {"version": 2, "session": 5, "reporter": 7} | change
+    head = struct.pack("<4sBBBBIHHQ", b"SYNC", said["version"], 1, 0, 0, said["session"], said["reporter"], 0, 1)
+    with pytest.raises(WireError, match=f"^{reason}$"):
+        decode_ranges(sealed(head + bytes(16)), RoomKeys(5, KEY))
+
+
+def test_the_version_before_is_read_where_that_is_allowed() -> None:
+    """Its tag is of the room's key, and of no other; what is written is never of that version."""
+    (before,) = (bytes.fromhex(v[1]) for v in VECTORS if v[0] == "the version before")
+    keys = RoomKeys(305419896, KEY, allow_version_1=True)
+    assert decode_ranges(before, keys).ranges["distance_mm"].tolist() == [2345]
+    with pytest.raises(WireError, match=r"^tag$"):
+        decode_ranges(before, RoomKeys(305419896, bytes(32), allow_version_1=True))
+    with pytest.raises(WireError, match=r"^version$"):
+        decode_ranges(before, RoomKeys(305419896, KEY))
+    assert encode_ranges(decode_ranges(before, keys), KEY)[4] == 2
+
+
+def test_a_room_s_key_has_its_size() -> None:
+    with pytest.raises(ValueError, match="32 bytes"):
+        RoomKeys(5, KEY[:16])
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ from synchronizar.cli import main
 from synchronizar.data.ranges import SOURCES
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
-from synchronizar.io.datagrams import RangesDatagram, encode_ranges
-from synchronizar.io.receiver import Receiver
+from synchronizar.io.datagrams import RangesDatagram, encode_ranges, reporter_key
+from synchronizar.io.receiver import Receiver, stamp_all
 from synchronizar.simulation import air, collect, modules
 from synchronizar.simulation.modules import CRYSTAL_PPM, MOST_M, Heard, simulate_modules
 from synchronizar.simulation.scenario import MOST_MODULES, Blocked, Module, Scenario
@@ -30,7 +30,7 @@ from synchronizar.simulation.simulate import simulate
 WALK = Scene(users=3, seconds=4.0, seed=5)
 PRECISE = replace(WALK, sigma=0.0)
 HERE = np.zeros((1, 3))
-WORD = encode_ranges(RangesDatagram(3, 3, 1, 13, 0, 0, some_ranges([4], [1000])), bytes(32))
+WORD = encode_ranges(RangesDatagram(3, 3, 1, 13, 0, 0, some_ranges([4], [1000])), reporter_key(bytes(32), 3, 3))
 ONE = Scenario(1.0, "one-to-n", 2, 3, bytes(32), 0.01, 0.1, [Module(1.5, -2.5, 0.25, np.zeros(1), HERE)])
 
 
@@ -83,7 +83,6 @@ def test_a_scenario_is_written_as_the_program_reads_it() -> None:
         seconds 1.0
         scheme one-to-n
         session 3
-        key {"00" * 32}
         channel 5
         prf 64
         range_s 0
@@ -91,8 +90,10 @@ def test_a_scenario_is_written_as_the_program_reads_it() -> None:
         stamp_sigma 0.01
         frame_loss 0.1
         node 0 ppm 1.5 board_ppm -2.5 on 0.25 off inf antenna_delay_error 0.0 temperature 23.0
+        key 0 {reporter_key(bytes(32), 3, 0).hex()}
         at 0 0.0 0.0 0.0 0.0
         node 1 ppm -20.0 board_ppm 20.0 on 0.0 off 0.75 antenna_delay_error 0.125 temperature 23.0
+        key 1 {reporter_key(bytes(32), 3, 1).hex()}
         at 1 0.0 1.0 2.0 3.0
         at 1 0.5 1.0 2.5 3.0
         late 0 1 0.25 0.5 1.5
@@ -318,7 +319,7 @@ def test_how_late_stamps_are_is_told_by_the_datagrams_whose_truth_is_known(monke
     def some_events(*_: object) -> Iterator[air.Datagram]:
         for i, (delay, measured) in enumerate(((0.004, 1.0), (0.003, float("nan")), (0.003, 3.0), (0.007, 4.0))):
             said = RangesDatagram(3, 0, i, 13, 10**9 * i, 0, some_ranges([1], [1000]))
-            yield air.Datagram(1.0 + i + delay, encode_ranges(said, bytes(32)), measured)
+            yield air.Datagram(1.0 + i + delay, encode_ranges(said, reporter_key(bytes(32), 3, 0)), measured)
 
     monkeypatch.setattr(collect, "events", some_events)
     collected = collect.collect(ONE, simulate(Scene(users=2)).recording.users)
@@ -339,18 +340,27 @@ def test_stamps_stay_equally_late_while_the_network_s_clock_drifts() -> None:
     """The coordinator's crystal is 15 ppm fast, its clock 27 ms ahead after half an hour."""
     fast, slow = (Module(ppm, ppm, on, np.zeros(1), HERE + x) for ppm, on, x in ((15.0, 0.0, 0.0), (-15.0, 0.1, 2.0)))
     scenario = replace(ONE, seconds=1800.0, scheme="polling", modules=[fast, slow])
-    receiver, measured, newest = Receiver(scenario.session, scenario.key, {}), [], []
+    receiver, told, arrived, measured, newest = Receiver(scenario.keys()), [], [], [], []
+    live: dict[int, float] = {}
     for event in air.events(scenario):
         assert isinstance(event, air.Datagram)
-        said = receiver.take(event.payload, event.t)
-        if said is not None and len(said.ranges):
+        taken = receiver.take(event.payload, event.t)
+        assert taken is not None
+        live |= {one.datagram.sequence: float(one.t.max()) for one in taken.stamped}
+        if len((said := taken.datagram).ranges):
+            told.append(said)
+            arrived.append(event.t)
             measured.append(event.measured)
             newest.append(1e-9 * said.time_ns + 1e-6 * said.ranges["offset_us"].max())
     ahead = np.array(newest) - np.array(measured)
     assert ahead[-1] - ahead[0] == pytest.approx(15e-6 * (measured[-1] - measured[0]), rel=0.01)
-    behind = receiver.newest() - np.array(measured)
+    behind = np.array([one.t.max() for one in stamp_all(told, arrived)]) - np.array(measured)
     assert 0.0 < behind.mean() < 0.05
     assert np.ptp(behind) < 1e-3
+    assert list(live) == [said.sequence for said in told], "as they came, each once"
+    as_they_came = np.array(list(live.values())) - np.array(measured)
+    assert np.abs(as_they_came - behind.mean()).max() < 3e-3
+    assert np.abs(as_they_came - behind.mean())[100:].max() < 1e-3
 
 
 @needs_air

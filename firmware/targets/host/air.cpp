@@ -113,8 +113,7 @@ class Socket {
 // The network between the modules of a world and the collector.
 class Network {
  public:
-  Network(air::World& world, const air::World::Settings& settings, std::uint16_t port)
-      : world_(world), key_(settings.node.key) {
+  Network(air::World& world, const air::World::Settings& settings, std::uint16_t port) : world_(world) {
     for (const auto& [address, module] : world.modules())
       stations_.try_emplace(address, air::Dice{settings.medium.seed, kWifiDice, address}, port);
     world.on_datagram = [this](std::uint16_t from, const std::uint8_t* datagram, std::size_t size) {
@@ -147,7 +146,8 @@ class Network {
   // When the newest range that a module tells was measured, as the module has its time now.
   std::optional<Femto> newest_measured(std::uint16_t from, const std::vector<std::uint8_t>& datagram) const {
     struct wire_ranges told;
-    if (!wire_read_ranges(datagram.data(), datagram.size(), key_, &told) || told.count == 0)
+    const air::Module::Key& key = world_.module(from).key();
+    if (!wire_read_ranges(datagram.data(), datagram.size(), key.data(), &told) || told.count == 0)
       return std::nullopt;
     std::int64_t newest_us = told.range[0].offset_us;
     for (unsigned i = 1; i < told.count; ++i)
@@ -182,7 +182,6 @@ class Network {
   }
 
   air::World& world_;
-  const std::uint8_t* key_;
   std::map<std::uint16_t, Station> stations_;
 };
 

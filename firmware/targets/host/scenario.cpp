@@ -7,7 +7,8 @@
 #include <limits>
 #include <map>
 #include <set>
-#include <sstream>
+
+#include "firmware/targets/host/words.h"
 
 extern "C" {
 #include "firmware/core/timetable.h"
@@ -18,63 +19,6 @@ namespace {
 using air::Femto;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kLongestS = 1e9;     // thirty years
-constexpr double kFarthestM = 1e6;    // from the origin
-constexpr double kWorstPpm = 100.0;   // no crystal is as bad as that
-constexpr double kMostDelayM = 10.0;  // nor is a calibration
-
-// Reads a line's words one after the other, and throws what is wrong with them in words of its own.
-class Words {
- public:
-  explicit Words(const std::string& line) : in_(line) {}
-
-  std::string next(const char* what) {
-    std::string word;
-    if (!(in_ >> word)) throw std::invalid_argument(std::string(what) + " is missing");
-    return word;
-  }
-
-  void expect(const char* word) {
-    const std::string found = next(word);
-    if (found != word) throw std::invalid_argument("'" + found + "' stands where '" + word + "' is expected");
-  }
-
-  double number(const char* what, double least, double most) {
-    const std::string word = next(what);
-    char* end = nullptr;
-    const double value = std::strtod(word.c_str(), &end);
-    if (*end != '\0') throw std::invalid_argument(std::string(what) + " is '" + word + "', not a number");
-    if (!(least <= value && value <= most)) {
-      std::ostringstream fault;
-      fault << what << " is " << word << ", not from " << least << " to " << most;
-      throw std::invalid_argument(fault.str());
-    }
-    return value;
-  }
-
-  std::uint64_t whole(const char* what, std::uint64_t most) {
-    const std::string word = next(what);
-    const bool digits = std::all_of(word.begin(), word.end(), [](char c) { return '0' <= c && c <= '9'; });
-    const bool fits = digits && word.size() <= 20;
-    const std::uint64_t value = fits ? std::strtoull(word.c_str(), nullptr, 10) : 0;
-    if (!fits || value > most || std::to_string(value) != word)
-      throw std::invalid_argument(std::string(what) + " is '" + word + "', not a whole number up to " +
-                                  std::to_string(most));
-    return value;
-  }
-
-  Femto time(const char* what) { return air::seconds(number(what, 0.0, kLongestS)); }
-
-  std::uint16_t address() { return static_cast<std::uint16_t>(whole("the address", 65533)); }
-
-  void end() {
-    std::string word;
-    if (in_ >> word) throw std::invalid_argument("'" + word + "' is too much");
-  }
-
- private:
-  std::istringstream in_;
-};
 
 class Reader {
  public:
@@ -114,6 +58,7 @@ class Reader {
   void read_line(Words& words) {
     const std::string kind = words.next("what the line is about");
     if (kind == "node") return read_node(words);
+    if (kind == "key") return read_key(words);
     if (kind == "at") return read_place(words);
     if (kind == "late") return read_late(words);
     if (!said_.insert(kind).second) throw std::invalid_argument("'" + kind + "' stands here once more");
@@ -132,8 +77,6 @@ class Reader {
       node.scheme = scheme_of(words.next("the scheme"));
     } else if (kind == "session") {
       node.session = static_cast<std::uint32_t>(words.whole("the session", most32));
-    } else if (kind == "key") {
-      read_key(words.next("the key"));
     } else if (kind == "channel") {
       node.channel = static_cast<std::uint8_t>(one_of("the channel", {1, 2, 3, 4, 5, 7}, words));
     } else if (kind == "prf") {
@@ -165,31 +108,23 @@ class Reader {
     return value;
   }
 
-  void read_key(const std::string& word) {
-    auto& key = scenario_.settings.node.key;
-    if (word.size() != 2 * sizeof key ||
-        word.find_first_not_of("0123456789abcdefABCDEF") != std::string::npos)
-      throw std::invalid_argument("the key is not " + std::to_string(2 * sizeof key) + " hexadecimal digits");
-    for (std::size_t i = 0; i < sizeof key; ++i)
-      key[i] = static_cast<std::uint8_t>(std::stoi(word.substr(2 * i, 2), nullptr, 16));
+  void read_key(Words& words) {
+    air::Module::Spec& node = known(words.address());
+    if (!keys_.insert(node.address).second)
+      throw std::invalid_argument("node " + std::to_string(node.address) + " has a key already");
+    node.key = words.key();
   }
 
   void read_node(Words& words) {
     const std::uint16_t address = words.address();
     air::Module::Stint stint;
-    words.expect("ppm");
-    stint.ppm = words.number("ppm", -kWorstPpm, kWorstPpm);
-    words.expect("board_ppm");
-    stint.board_ppm = words.number("board_ppm", -kWorstPpm, kWorstPpm);
+    words.crystals(stint);
     words.expect("on");
     stint.on = words.time("on");
     words.expect("off");
     const double off_s = words.number("off", 0.0, kInfinity);
-    stint.off = off_s > kLongestS ? air::Module::kForever : air::seconds(off_s);
-    words.expect("antenna_delay_error");
-    stint.antenna_delay_error_m = words.number("antenna_delay_error", -kMostDelayM, kMostDelayM);
-    words.expect("temperature");
-    stint.temperature_c = words.number("temperature", -40.0, 85.0);  // all that a DWM1000 stands
+    stint.off = off_s > Words::kLongestS ? air::Module::kForever : air::seconds(off_s);
+    words.radio(stint);
 
     if (stint.off <= stint.on) throw std::invalid_argument("power goes off before it goes on");
     const auto [found, is_new] = index_.try_emplace(address, scenario_.nodes.size());
@@ -210,20 +145,14 @@ class Reader {
   void read_place(Words& words) {
     air::Track& track = known(words.address()).track;
     const Femto t = words.time("the time");
-    air::Position position{};
-    for (double& x : position) x = words.number("a coordinate", -kFarthestM, kFarthestM);
-    track.add(t, position);
+    track.add(t, words.position());
   }
 
   void read_late(Words& words) {
     Scenario::Late late;
     late.a = known(words.address()).address;
     late.b = known(words.address()).address;
-    late.begin = words.time("the begin");
-    late.end = words.time("the end");
-    late.extra_m = words.number("the detour", 0.0, kFarthestM);
-    if (late.a == late.b) throw std::invalid_argument("both ends are node " + std::to_string(late.a));
-    if (late.end <= late.begin) throw std::invalid_argument("it ends before it begins");
+    words.span(late);
     Femto& late_until = late_until_[std::minmax({late.a, late.b})];
     if (late.begin < late_until) throw std::invalid_argument("signals between the two are late already then");
     late_until = late.end;
@@ -232,17 +161,20 @@ class Reader {
 
   void check_complete(bool empty) const {
     if (empty) throw std::invalid_argument("nothing stands here");
-    for (const char* kind : {"seconds", "session", "key"})
+    for (const char* kind : {"seconds", "session"})
       if (said_.count(kind) == 0) throw std::invalid_argument(std::string("'") + kind + "' is missing");
     if (scenario_.nodes.empty()) throw std::invalid_argument("there is no node");
-    for (const air::Module::Spec& node : scenario_.nodes)
-      if (node.track.empty())
-        throw std::invalid_argument("node " + std::to_string(node.address) + " is nowhere: it has no 'at'");
+    for (const air::Module::Spec& node : scenario_.nodes) {
+      const std::string name = "node " + std::to_string(node.address);
+      if (keys_.count(node.address) == 0) throw std::invalid_argument(name + " has no 'key'");
+      if (node.track.empty()) throw std::invalid_argument(name + " is nowhere: it has no 'at'");
+    }
   }
 
   Scenario scenario_;
   std::set<std::string> said_;
   std::map<std::uint16_t, std::size_t> index_;  // of a node, by address
+  std::set<std::uint16_t> keys_;                // of whom there is one
   std::map<std::pair<std::uint16_t, std::uint16_t>, Femto> late_until_;
 };
 

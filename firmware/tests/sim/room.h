@@ -34,6 +34,15 @@ inline Track resting(const Position& place) {
   return track;
 }
 
+// Each module has a key of its own: the address, then 2, 3, ...
+inline Module::Key key_of(std::uint16_t address) {
+  Module::Key key{};
+  for (std::size_t i = 0; i < key.size(); ++i) key[i] = static_cast<std::uint8_t>(i);
+  key[0] = static_cast<std::uint8_t>(address & 0xFF);
+  key[1] = static_cast<std::uint8_t>(address >> 8);
+  return key;
+}
+
 class Room {
  public:
   struct Settings {
@@ -61,7 +70,7 @@ class Room {
       stint.board_ppm += static_cast<double>((address * 7) % 41 - 20);
     }
     tracks_.emplace(address, track);
-    return world.add({address, track, std::move(stints)});
+    return world.add({address, track, std::move(stints), key_of(address)});
   }
 
   void run(double until_s) { world.run_until(seconds(until_s)); }
@@ -87,7 +96,6 @@ class Room {
     World::Settings world;
     world.medium = {settings.seed, settings.stamp_sigma_m, settings.frame_loss};
     world.node.session = 0xBEEF1234;
-    for (std::size_t i = 0; i < sizeof world.node.key; ++i) world.node.key[i] = static_cast<std::uint8_t>(i);
     world.node.scheme = settings.scheme;
     world.node.channel = settings.channel;
     world.node.prf_mhz = settings.prf_mhz;
@@ -98,9 +106,7 @@ class Room {
 
   void take(std::uint16_t from, const std::uint8_t* bytes, std::size_t size) {
     struct wire_ranges said{};
-    std::uint8_t key[WIRE_KEY_SIZE];
-    for (std::size_t i = 0; i < sizeof key; ++i) key[i] = static_cast<std::uint8_t>(i);
-    if (!wire_read_ranges(bytes, size, key, &said) || said.reporter != from) {
+    if (!wire_read_ranges(bytes, size, key_of(from).data(), &said) || said.reporter != from) {
       ++undecodable;
       return;
     }

@@ -88,9 +88,7 @@ void the_moment_of_each_range_is_that_of_a_frame() {
   double worst_s = 0.0, oldest_s = 0.0;
   room.world.on_datagram = [&](std::uint16_t from, const std::uint8_t* datagram, std::size_t size) {
     struct wire_ranges told{};
-    std::uint8_t key[WIRE_KEY_SIZE];
-    for (std::size_t i = 0; i < sizeof key; ++i) key[i] = static_cast<std::uint8_t>(i);
-    CHECK(wire_read_ranges(datagram, size, key, &told));
+    CHECK(wire_read_ranges(datagram, size, key_of(from).data(), &told));
     const Module& module = room.world.module(from);
     const auto time_ns = static_cast<std::int64_t>(told.time_ns);
     CHECK(!module.moment_of(told.epoch + 1, time_ns));

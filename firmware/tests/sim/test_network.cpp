@@ -249,12 +249,13 @@ struct wire_order order_for(std::uint16_t module, std::uint64_t sequence, std::u
   return order;
 }
 
-void tell(Room& room, const struct wire_order& order) {
-  std::uint8_t key[WIRE_KEY_SIZE], bytes[WIRE_MAX_SIZE];
-  for (std::size_t i = 0; i < sizeof key; ++i) key[i] = static_cast<std::uint8_t>(i);
-  const std::size_t size = wire_write_order(&order, key, bytes);
+void tell(Room& room, const struct wire_order& order, const Module::Key& key) {
+  std::uint8_t bytes[WIRE_MAX_SIZE];
+  const std::size_t size = wire_write_order(&order, key.data(), bytes);
   room.world.module(order.module).board().hear({bytes, bytes + size});
 }
+
+void tell(Room& room, const struct wire_order& order) { tell(room, order, key_of(order.module)); }
 
 void whoever_is_registered_is_told_to_sleep_and_the_others_go_on() {
   for (const bool leads : {true, false}) {
@@ -290,6 +291,7 @@ void orders_of_another_start_or_played_again_are_not_followed() {
   const auto member = static_cast<std::uint16_t>(first == 1 ? 2 : 1);
   tell(room, order_for(member, std::uint64_t{1} << 32, 100));  // of its next start
   tell(room, order_for(member, 1000000, 100));                 // answers what it has not said yet
+  tell(room, order_for(member, 3, 100), key_of(first));        // by whoever has another module's key
   room.run(2.5);
   CHECK(!room.world.module(member).board().asleep());
   tell(room, order_for(member, 3, 1));

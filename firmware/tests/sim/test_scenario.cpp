@@ -15,7 +15,9 @@ namespace {
 using air::kMillisecond;
 using air::kSecond;
 
-const char* const kKey = "key 000102030405060708090a0b0c0d0e0f101112131415161718191A1B1C1D1E1F\n";
+const char* const kKey1 = "key 1 000102030405060708090a0b0c0d0e0f101112131415161718191A1B1C1D1E1F\n";
+const char* const kKey2 = "key 2 ff0102030405060708090a0b0c0d0e0f101112131415161718191A1B1C1D1E1F\n";
+const char* const kBegin = "air 1\nseconds 30\nsession 4294967295\n";
 const char* const kNode1 =
     "node 1 ppm 3.5 board_ppm -10 on 0 off 20 antenna_delay_error 0.1 temperature 30\n";
 const char* const kNode2 = "node 2 ppm 0 board_ppm 0 on 0.5 off inf antenna_delay_error 0 temperature 23\n";
@@ -35,13 +37,12 @@ std::string fault(const std::string& text) {
   return "";
 }
 
-// Two nodes with all that they need, on lines 1 to 8.
+// Two nodes with all that they need, on lines 1 to 9.
 std::string whole() {
-  return std::string("air 1\nseconds 30\nsession 4294967295\n") + kKey + kNode1 + kNode2 +
-         "at 1 0 0 0 1.5\nat 2 0 1 2 3\n";
+  return std::string(kBegin) + kNode1 + kKey1 + kNode2 + kKey2 + "at 1 0 0 0 1.5\nat 2 0 1 2 3\n";
 }
 
-// The fault of a line after those, which is line 9.
+// The fault of a line after those, which is line 10.
 std::string fault_of(const std::string& line) { return fault(whole() + line + "\n"); }
 
 void a_scenario_says_what_is_to_be_simulated() {
@@ -59,11 +60,14 @@ void a_scenario_says_what_is_to_be_simulated() {
   CHECK(node.scheme == SCHEME_POLLING);
   CHECK(node.channel == 2 && node.prf_mhz == 16);
   CHECK(node.range_s == 10 && node.sleep_s == 300);
-  for (int i = 0; i < 32; ++i) CHECK_NEAR(node.key[i], i, 0);
 
   CHECK(scenario.nodes.size() == 2);
   const air::Module::Spec& first = scenario.nodes.at(0);
   CHECK(first.address == 1);
+  for (std::size_t i = 0; i < 32; ++i) {
+    CHECK_NEAR(first.key.at(i), static_cast<double>(i), 0.0);
+    CHECK_NEAR(scenario.nodes.at(1).key.at(i), i == 0 ? 255.0 : static_cast<double>(i), 0.0);
+  }
   CHECK(first.stints.size() == 2);
   CHECK(first.stints.at(0).on == 0 && first.stints.at(0).off == 20 * kSecond);
   CHECK_NEAR(first.stints.at(0).ppm, 3.5, 0.0);
@@ -133,6 +137,8 @@ void each_fault_is_named_with_its_line() {
       {"at 1 1 0 0", "a coordinate is missing"},
       {"at 1 1 0 0 inf", "a coordinate is inf, not from -1e+06 to 1e+06"},
       {"at 1 -1 0 0 0", "the time is -1, not from 0 to 1e+09"},
+      {"key 3 00", "there is no node 3 yet"},
+      {"key 1 00", "node 1 has a key already"},
       {"late 1 3 0 1 2", "there is no node 3 yet"},
       {"late 1 1 0 1 2", "both ends are node 1"},
       {"late 1 2 1 1 2", "it ends before it begins"},
@@ -140,21 +146,23 @@ void each_fault_is_named_with_its_line() {
   };
   for (const Fault& expected : faults) {
     const std::string found = fault_of(expected.line);
-    if (found != "room.txt:9: " + expected.words) std::cerr << "'" << expected.line << "': " << found << '\n';
-    CHECK(found == "room.txt:9: " + expected.words);
+    if (found != "room.txt:10: " + expected.words)
+      std::cerr << "'" << expected.line << "': " << found << '\n';
+    CHECK(found == "room.txt:10: " + expected.words);
   }
 }
 
 void late_spans_of_two_nodes_must_not_overlap() {
   CHECK(fault_of("late 1 2 1 2 1\nlate 2 1 2 3 1").empty());
   CHECK(fault_of("late 1 2 1 2 1\nlate 2 1 1.5 3 1") ==
-        "room.txt:10: signals between the two are late already then");
+        "room.txt:11: signals between the two are late already then");
 }
 
 void a_short_key_is_refused() {
-  CHECK(fault("air 1\nkey 00ff\n") == "room.txt:2: the key is not 64 hexadecimal digits");
-  CHECK(fault("air 1\nkey " + std::string(64, 'g') + "\n") ==
-        "room.txt:2: the key is not 64 hexadecimal digits");
+  const std::string node = std::string("air 1\n") + kNode1;
+  CHECK(fault(node + "key 1 00ff\n") == "room.txt:3: the key is not 64 hexadecimal digits");
+  CHECK(fault(node + "key 1 " + std::string(64, 'g') + "\n") ==
+        "room.txt:3: the key is not 64 hexadecimal digits");
 }
 
 void another_version_is_refused() {
@@ -166,10 +174,9 @@ void another_version_is_refused() {
 void what_is_missing_is_named_at_the_end() {
   CHECK(fault("air 1\n") == "room.txt:2: 'seconds' is missing");
   CHECK(fault("air 1\nseconds 1\n") == "room.txt:3: 'session' is missing");
-  CHECK(fault("air 1\nseconds 1\nsession 1\n") == "room.txt:4: 'key' is missing");
-  CHECK(fault(std::string("air 1\nseconds 1\nsession 1\n") + kKey) == "room.txt:5: there is no node");
-  CHECK(fault(std::string("air 1\nseconds 1\nsession 1\n") + kKey + kNode1) ==
-        "room.txt:6: node 1 is nowhere: it has no 'at'");
+  CHECK(fault(kBegin) == "room.txt:4: there is no node");
+  CHECK(fault(std::string(kBegin) + kNode1) == "room.txt:5: node 1 has no 'key'");
+  CHECK(fault(std::string(kBegin) + kNode1 + kKey1) == "room.txt:6: node 1 is nowhere: it has no 'at'");
 }
 
 }  // namespace
