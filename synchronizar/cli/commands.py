@@ -200,6 +200,7 @@ def _serve(options: argparse.Namespace) -> None:
         host=options.host,
         port=options.port,
         udp_port=options.udp_port,
+        allow_version_1=options.allow_version_1,
         record=options.record,
         resume=options.resume,
         certificate=options.certificate,

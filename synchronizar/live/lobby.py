@@ -39,12 +39,19 @@ class Lobby:
     def __init__(self, now: Callable[[], float]) -> None:
         """`now`: s, a clock that only goes forwards."""
         self.rooms: dict[str, Room] = {}
+        self.by_session: dict[int, Room] = {}
+        """Rooms by the number that their modules' datagrams carry."""
         self.refused: Counter[str] = Counter()
         """Connections that were let into no room, by reason."""
         self._now = now
         self._bought: dict[bytes, _Bought] = {}
         self._wrong: Counter[str] = Counter()
         self._minute = 0
+
+    def add(self, room: Room) -> None:
+        """One more room."""
+        self.rooms[room.code] = room
+        self.by_session[room.radio_session] = room
 
     def room(self, code: str) -> Room:
         """The room with a code, however it is written. Raises MessageError where there is none."""

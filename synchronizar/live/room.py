@@ -13,10 +13,13 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.geometry import YawFrame
+from synchronizar.io.datagrams import RangesDatagram, RoomKeys
+from synchronizar.io.receiver import Receiver
 from synchronizar.io.text import is_name
 from synchronizar.live import messages as m
 from synchronizar.live.device_clock import DeviceClock
 from synchronizar.live.messages import MessageError
+from synchronizar.live.module_ranges import measured_ranges
 from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
 from synchronizar.live.pose_wire import PoseDown, PosesDown, decode_poses_up, encode_poses_down
@@ -122,15 +125,19 @@ class Room:
         recorder: Recorder | None = None,
         udp_port: int | None = None,
         app: str | None = None,
+        allow_version_1: bool = False,
         saved: Callable[[m.Object | str], None] | None = None,
     ) -> None:
         """`now`: the room's clock (s). `key`: 32 bytes from which modules' keys are derived.
 
-        `saved` hears each object that changes, and the id of each one that is gone.
+        `allow_version_1`: whether modules may all sign with the room's own key. `saved` hears each object that changes,
+        and the id of each one that is gone.
         """
         self.code, self.now, self.udp_port, self.app = code, now, udp_port, app
         self.key = key or secrets.token_bytes(32)
         self.radio_session = int.from_bytes(blake2s(self.key, digest_size=4, person=b"session").digest(), "little")
+        self.keys = RoomKeys(self.radio_session, self.key, allow_version_1)
+        self.receiver = Receiver(self.keys)
         self.devices: dict[str, Device] = {}
         self.clients: set[Client] = set()
         self.modules: dict[int, str] = {}
@@ -258,13 +265,23 @@ class Room:
                 self.refuse(client, error)
         return None
 
-    def hear_module_range(self, t: float, address: int, peer: int, distance: float, optional: dict[str, Any]) -> None:
-        """A range that a module measured, by the room's clock."""
-        a, b = self.modules.get(address), self.modules.get(peer)
-        if a is None or b is None:
-            self.refused["peer"] += 1
-            return
-        self._take_range(t, a, b, distance, optional)
+    def hear_datagram(self, data: bytes, arrived: float) -> RangesDatagram | None:
+        """A datagram of a module that arrived at `arrived` (s, room's clock); None where it is refused."""
+        taken = self.receiver.take(data, arrived)
+        if taken is None:
+            return None
+        for stamped in taken.stamped:
+            for measured in measured_ranges(stamped):
+                a, b = self.modules.get(measured.reporter), self.modules.get(measured.peer)
+                if a is None or b is None:
+                    self.refused["peer"] += 1
+                else:
+                    self._take_range(measured.t, a, b, measured.distance, self._with_antennas(a, b, measured.optional))
+        return taken.datagram
+
+    def orders_for(self, heard: RangesDatagram, now: float) -> list[bytes]:  # noqa: ARG002
+        """What a module is told in answer to a datagram."""
+        return []
 
     def refuse(self, client: Client, error: MessageError) -> None:
         """Count it, and tell the client when it is news."""
@@ -338,7 +355,8 @@ class Room:
             for device in self.devices.values()
         }
         pairs = [m.PairRange(r.a, r.b, r.distance, r.residual, r.used, max(0.0, t - r.t)) for r in self._ranges]
-        return m.Status(t, users, pairs, dict(self.refused), float(max(0.0, t - max(self._told_at, t - 3600.0))))
+        refused = self.refused + Counter({f"datagram {reason}": n for reason, n in self.receiver.refused.items()})
+        return m.Status(t, users, pairs, dict(refused), float(max(0.0, t - max(self._told_at, t - 3600.0))))
 
     # Inside
 
@@ -438,13 +456,8 @@ class Room:
         self.modules = {a: name for a, name in self.modules.items() if name != device.name}
         self.modules[message.address] = device.name
         self.roster_version += 1
-        key = self.module_key(message.address).hex()
+        key = self.keys.of(message.address).hex()
         client.outbox.put(m.encode(m.ModuleKey(device.name, message.address, self.radio_session, key, self.udp_port)))
-
-    def module_key(self, address: int) -> bytes:
-        """The 32 bytes by which a module signs what it says."""
-        words = b"synchronizar reporter" + self.radio_session.to_bytes(4, "little") + address.to_bytes(2, "little")
-        return blake2s(words, key=self.key, digest_size=32).digest()
 
     def _clock(self, client: Client, message: m.Clock) -> None:
         self._need_recorded(client)
@@ -506,6 +519,13 @@ class Room:
         if self._recorder is not None:
             frames = self.devices[a].session, self.devices[b].session
             self._recorder.range(t, a, b, frames, distance, optional)
+
+    def _with_antennas(self, a: str, b: str, optional: dict[str, Any]) -> dict[str, Any]:
+        """A module is the first antenna that its device declares."""
+        for end, name in (("antenna_a", a), ("antenna_b", b)):
+            if antennas := self.devices[name].settings.antennas:
+                optional[end] = next(iter(antennas))
+        return optional
 
     def _feed_user(self, device: Device) -> None:
         self._feed(AddUser(device.settings))

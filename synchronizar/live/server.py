@@ -24,6 +24,7 @@ from synchronizar.live.recorder import FolderRecorder
 from synchronizar.live.room import Room
 from synchronizar.live.room_host import RoomClock, RoomHost
 from synchronizar.live.roster import Roster, read_roster
+from synchronizar.live.udp import UdpPort
 from synchronizar.live.web import application
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -38,6 +39,9 @@ class ServerOptions:
     port: int = 47180
     """TCP; 0: any that is free."""
     udp_port: int = 47190
+    """Where modules send their ranges; 0: any that is free."""
+    allow_version_1: bool = False
+    """Whether modules may sign with the room's own key, as in version 1 of their protocol."""
     record: Path | None = None
     """A folder in which each room writes its own."""
     resume: bool = False
@@ -75,6 +79,7 @@ class Server:
         self._context = context
         self._url = ""
         self._runner: web.AppRunner | None = None
+        self._udp: UdpPort | None = None
 
     async def start(self) -> dict[str, object]:
         """Listen, open a room, and say where. Raises InputError where the port is taken."""
@@ -92,6 +97,7 @@ class Server:
         name = options.host if options.host not in (None, "0.0.0.0", "::") else own_addresses()[0]
         host = f"[{name}]" if name and ":" in name else name
         self._url = f"{'https' if self._context else 'http'}://{host}:{port}"
+        self._udp = UdpPort(self.lobby, self.clock, options.host, options.udp_port)
         room = self.open_rooms_again()[-1] if options.resume else self.open_room()
         return {"url": self._url, "room": room.code, "join": self.join_address(room.code), "udp_port": room.udp_port}
 
@@ -101,8 +107,11 @@ class Server:
 
     def open_room(self) -> Room:
         """One more room. Raises InputError where its folder cannot be written."""
+        allowed = self.options.allow_version_1
         if self.options.record is None:
-            return self._host(Room(new_code(), self.clock, udp_port=self.options.udp_port), None, None)
+            return self._host(
+                Room(new_code(), self.clock, udp_port=self._udp_port, allow_version_1=allowed), None, None
+            )
         name = f"room-{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}"
         return self._recorded_room(self.options.record / name, None)
 
@@ -115,11 +124,16 @@ class Server:
             raise InputError(self.options.record, "no room was recorded here by this user: leave --resume out")
         return [self._recorded_room(folder, roster) for folder, roster in known]
 
+    @property
+    def _udp_port(self) -> int | None:
+        return None if self._udp is None else self._udp.port
+
     def _recorded_room(self, folder: Path, roster: Roster | None) -> Room:
         recorder = FolderRecorder(folder)
         objects = ObjectFile(folder / OBJECTS_FILE)
         code, key = (new_code(), None) if roster is None else (roster.code, bytes.fromhex(roster.key))
-        room = Room(code, self.clock, key, recorder, self.options.udp_port, saved=objects.save)
+        allowed = self.options.allow_version_1
+        room = Room(code, self.clock, key, recorder, self._udp_port, allow_version_1=allowed, saved=objects.save)
         return self._host(room, recorder, objects, roster)
 
     def _host(
@@ -130,11 +144,13 @@ class Server:
         self.hosts.append(host)
         if roster is not None:
             host.resume(roster)
-        self.lobby.rooms[room.code] = room
+        self.lobby.add(room)
         return room
 
     async def close(self) -> None:
         """Everything ended and on disk."""
+        if self._udp is not None:
+            self._udp.close()
         if self._runner is not None:
             await self._runner.cleanup()
         for host in self.hosts:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from synchronizar.geometry import YawFrame
+from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, encode_ranges
 from synchronizar.live import messages as m
 from synchronizar.live.lobby import TOKEN_S, TRIES_A_MINUTE, Lobby
 from synchronizar.live.messages import MessageError
@@ -250,6 +251,34 @@ def test_a_modules_key_is_its_own() -> None:
     assert own.session == other.session
 
 
+def datagram(house: House, address: int, peer: int, sequence: int, t: float, mm: int, key: bytes) -> bytes:
+    row = (peer, 0, MEASURED, mm, 0, 0, 50, -8000, -8100, 0, 0)
+    told = RangesDatagram(house.room.radio_session, address, sequence, 9, round(1e9 * t), 0, np.array([row], RANGE))
+    return encode_ranges(told, key)
+
+
+def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone() -> None:
+    house = House()
+    alice, _ = house.enter("alice")
+    bob, _ = house.enter("bob")
+    house.room.hear(alice, m.Module("alice", 7))
+    house.room.hear(bob, m.Module("bob", 8))
+    own, other = house.room.keys.of(7), house.room.keys.of(8)
+    for n in range(40):
+        house.clock.t += 0.05
+        house.room.hear_datagram(datagram(house, 7, 8, n, 5.0 + 0.05 * n, 4000 + n, own), house.clock.t + 0.003)
+    forged = datagram(house, 7, 8, 100, 7.1, 9000, other)
+    assert house.room.hear_datagram(forged, house.clock.t) is None
+    assert house.room.hear_datagram(datagram(house, 7, 8, 3, 5.15, 9000, own), house.clock.t) is None  # played again
+    assert house.room.hear_datagram(datagram(house, 7, 9, 101, 7.1, 9000, own), house.clock.t + 0.1) is not None
+    ranges = house.solver.of(Range)
+    assert [round(1000.0 * r.distance) for r in ranges] == list(range(4000, 4040))
+    np.testing.assert_allclose([r.t for r in ranges], 1000.05 + 0.05 * np.arange(40), atol=0.004)
+    assert ranges[0].optional == {"source": "module", "sigma": 0.05, "rx_power": -80.0, "fp_power": -81.0, "nlos": 0.0}
+    refused_ = house.room.status().refused
+    assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "peer": 1}
+
+
 def test_recorded_time_is_what_its_client_says_and_the_answer_comes_to_it() -> None:
     house = House()
     player, _ = house.enter("alice", "bob", time="recorded")
@@ -324,7 +353,7 @@ def test_a_word_that_is_refused_again_and_again_is_not_told_each_time() -> None:
 def test_a_token_is_used_once_and_soon() -> None:
     house = House()
     lobby = Lobby(house.clock)
-    lobby.rooms["CODE"] = house.room
+    lobby.add(house.room)
     first = lobby.join(m.Join("co-de ", [m.UserSettings("alice")]), "10.0.0.2")
     assert lobby.redeem(first.token)[1].users == ["alice"]
     with pytest.raises(MessageError, match="join again"):
@@ -338,7 +367,7 @@ def test_a_token_is_used_once_and_soon() -> None:
 def test_codes_cannot_be_tried_one_after_the_other() -> None:
     house = House()
     lobby = Lobby(house.clock)
-    lobby.rooms["CODE"] = house.room
+    lobby.add(house.room)
     for n in range(TRIES_A_MINUTE):
         with pytest.raises(MessageError, match="no room"):
             lobby.join(m.Join(f"WRONG{n}"), "10.0.0.66")

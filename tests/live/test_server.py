@@ -31,7 +31,7 @@ def walk() -> Recording:
 
 @asynccontextmanager
 async def serving(**options: Any) -> AsyncIterator[tuple[Server, str]]:
-    server = Server(ServerOptions(host="127.0.0.1", port=0, tls=False, **options), None)
+    server = Server(ServerOptions(host="127.0.0.1", port=0, udp_port=0, tls=False, **options), None)
     try:
         where = await server.start()
         yield server, str(where["join"])
