@@ -220,7 +220,9 @@ def _play(options: argparse.Namespace) -> None:
         answer = asyncio.run(play(recording, options.join, options.speed))
     except ConnectionError as error:
         raise InputError(options.join.partition("#")[0], str(error)) from error
-    print_result(json.dumps(answer, allow_nan=False))
+    from synchronizar.reporting.tables import answer_table
+
+    print_result(json.dumps(answer, allow_nan=False) if options.json else answer_table(answer))
 
 
 @contextmanager
