@@ -11,7 +11,7 @@ from pathlib import Path
 
 from synchronizar.errors import InputError, os_faults
 
-_YEARS = 5
+_DAYS = 5 * 365
 _RENEW_DAYS = 30
 
 
@@ -61,7 +61,11 @@ def _first_certificate(path: Path) -> str:
 def _own_certificate() -> Path:
     path = state_folder() / "certificate.pem"
     if not _still_good(path):
-        _make(path)
+        with os_faults(path):
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            path.touch(mode=0o600)
+            path.chmod(0o600)
+            path.write_bytes(make_certificate(_DAYS)[0])
     return path
 
 
@@ -79,7 +83,8 @@ def _still_good(path: Path) -> bool:
     return left.days > _RENEW_DAYS and named.issuperset(own_addresses())
 
 
-def _make(path: Path) -> None:
+def make_certificate(days: int) -> tuple[bytes, bytes]:
+    """A self-signed certificate with its key in PEM, and the certificate alone in DER; it names all own addresses."""
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
@@ -97,8 +102,8 @@ def _make(path: Path) -> None:
         .issuer_name(name)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - datetime.timedelta(days=1))
-        .not_valid_after(now + datetime.timedelta(days=365 * _YEARS))
+        .not_valid_before(now - datetime.timedelta(hours=1))
+        .not_valid_after(now + datetime.timedelta(days=days))
         .add_extension(x509.SubjectAlternativeName(names), critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .sign(key, hashes.SHA256())
@@ -106,8 +111,5 @@ def _make(path: Path) -> None:
     private = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
-    with os_faults(path):
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        path.touch(mode=0o600)
-        path.chmod(0o600)
-        path.write_bytes(private + certificate.public_bytes(serialization.Encoding.PEM))
+    shown = certificate.public_bytes(serialization.Encoding.PEM)
+    return private + shown, certificate.public_bytes(serialization.Encoding.DER)

@@ -43,6 +43,8 @@ class Lobby:
         """Rooms by the number that their modules' datagrams carry."""
         self.refused: Counter[str] = Counter()
         """Connections that were let into no room, by reason."""
+        self.webtransport: tuple[int, str] | tuple[()] = ()
+        """Port and hash of the certificate, where there is one."""
         self._now = now
         self._bought: dict[bytes, _Bought] = {}
         self._wrong: Counter[str] = Counter()
@@ -78,7 +80,7 @@ class Lobby:
         self._bought = {digest: bought for digest, bought in self._bought.items() if bought.until >= now}
         token = secrets.token_urlsafe(24)
         self._bought[_digest(token)] = _Bought(room, ticket, now + TOKEN_S)
-        return Joined(token, TOKEN_S, owner, room.code, ticket.users)
+        return Joined(token, TOKEN_S, owner, room.code, ticket.users, *self.webtransport)
 
     def redeem(self, token: str) -> tuple[Room, Ticket]:
         """What a token has bought. Raises MessageError where it is none, was used, or is too old."""

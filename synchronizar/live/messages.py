@@ -79,6 +79,10 @@ class Joined(_Message):
     """To join again as the same devices."""
     room: str
     users: list[str]
+    webtransport_port: int | None = None
+    """UDP port for WebTransport at `/live`; null where the server has none, and a WebSocket is the way."""
+    webtransport_sha256: str | None = None
+    """Hash of the certificate there, in hex: what a browser takes as `serverCertificateHashes`."""
 
 
 # From a client to the room.

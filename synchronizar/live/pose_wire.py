@@ -118,6 +118,16 @@ def encode_poses_down(poses: PosesDown) -> bytes:
     return head + np.array(rows, DOWN).tobytes()
 
 
+def parts_of_poses(message: bytes, largest: int) -> list[bytes]:
+    """A message of everybody's poses as several of at most `largest` bytes, each a whole message by itself."""
+    if len(message) <= largest:
+        return [message]
+    kind, _, _, sequence, t = DOWN_HEAD.unpack_from(message)
+    step = (largest - DOWN_HEAD.size) // DOWN.itemsize * DOWN.itemsize
+    records = [message[at : at + step] for at in range(DOWN_HEAD.size, len(message), step)]
+    return [DOWN_HEAD.pack(kind, 0, len(part) // DOWN.itemsize, sequence, t) + part for part in records]
+
+
 def decode_poses_down(data: bytes) -> PosesDown:
     """Everybody's poses. Raises MessageError for other bytes."""
     if len(data) < DOWN_HEAD.size:

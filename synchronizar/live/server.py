@@ -13,11 +13,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from aiohttp import web
 
 from synchronizar.errors import InputError
 from synchronizar.live.certificates import own_addresses, server_context
+from synchronizar.live.connection import serve_link
 from synchronizar.live.lobby import Lobby, new_code
 from synchronizar.live.object_file import OBJECTS_FILE, ObjectFile
 from synchronizar.live.recorder import FolderRecorder
@@ -26,6 +28,9 @@ from synchronizar.live.room_host import RoomClock, RoomHost
 from synchronizar.live.roster import Roster, read_roster
 from synchronizar.live.udp import UdpPort
 from synchronizar.live.web import application
+
+if TYPE_CHECKING:
+    from synchronizar.live.webtransport import WebTransportPort
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
@@ -80,6 +85,7 @@ class Server:
         self._url = ""
         self._runner: web.AppRunner | None = None
         self._udp: UdpPort | None = None
+        self._webtransport: WebTransportPort | None = None
 
     async def start(self) -> dict[str, object]:
         """Listen, open a room, and say where. Raises InputError where the port is taken."""
@@ -94,12 +100,25 @@ class Server:
                 "--port", f"{options.port} cannot be listened at: {error.strerror}; choose another"
             ) from error
         port = self._runner.addresses[0][1]
+        if self._context is not None:
+            await self._open_webtransport(port)
         name = options.host if options.host not in (None, "0.0.0.0", "::") else own_addresses()[0]
         host = f"[{name}]" if name and ":" in name else name
         self._url = f"{'https' if self._context else 'http'}://{host}:{port}"
         self._udp = UdpPort(self.lobby, self.clock, options.host, options.udp_port)
         room = self.open_rooms_again()[-1] if options.resume else self.open_room()
         return {"url": self._url, "room": room.code, "join": self.join_address(room.code), "udp_port": room.udp_port}
+
+    async def _open_webtransport(self, port: int) -> None:
+        """At the same number as TCP, where the extra is installed."""
+        try:
+            from synchronizar.live.webtransport import WebTransportPort
+        except ModuleNotFoundError:
+            return
+        self._webtransport = await WebTransportPort.open(
+            self.options.host, port, lambda link: serve_link(link, self.lobby)
+        )
+        self.lobby.webtransport = self._webtransport.port, self._webtransport.certificate_sha256.hex()
 
     def join_address(self, code: str) -> str:
         """The address that phones and `play` join by: its fragment, the code, is seen and logged by no server."""
@@ -151,6 +170,8 @@ class Server:
         """Everything ended and on disk."""
         if self._udp is not None:
             self._udp.close()
+        if self._webtransport is not None:
+            self._webtransport.close()
         if self._runner is not None:
             await self._runner.cleanup()
         for host in self.hosts:
