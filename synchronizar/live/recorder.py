@@ -45,6 +45,8 @@ class FolderRecorder:
         self._settings_changed = False
         with os_faults(folder):
             (folder / "tracks").mkdir(parents=True, exist_ok=True)
+            for track in (folder / "tracks").glob("*.tum"):
+                self._open(f"tracks/{track.name}")
             ranges = self._open("ranges.csv")
         if ranges.size == 0:
             self._write("ranges.csv", ",".join(REQUIRED + OPTIONAL) + "\n")
@@ -63,8 +65,10 @@ class FolderRecorder:
     def range(
         self, t: float, a: str, b: str, sessions: tuple[int, int], distance: float, optional: dict[str, Any]
     ) -> None:
-        """A range, by the room's clock."""
-        names = (recorded_name(user, session) for user, session in zip((a, b), sessions, strict=True))
+        """A range, by the room's clock; none of a device that has not said any pose, which no recording can have."""
+        names = [recorded_name(user, session) for user, session in zip((a, b), sessions, strict=True)]
+        if not all(self._is_there(name) for name in names):
+            return
         values = [f"{t:.9f}", *map(_quoted, names), repr(distance), *(_text(optional.get(name)) for name in OPTIONAL)]
         self._write("ranges.csv", ",".join(values) + "\n")
 
@@ -77,7 +81,8 @@ class FolderRecorder:
         with os_faults(self.folder):
             if self._settings_changed:
                 self._settings_changed = False
-                write_recording_toml(self.folder / "recording.toml", self._users.values())
+                there = [user for name, user in self._users.items() if self._is_there(name)]
+                write_recording_toml(self.folder / "recording.toml", there)
             for file in self._files.values():
                 file.handle.flush()
                 os.fsync(file.handle.fileno())
@@ -100,8 +105,14 @@ class FolderRecorder:
             file.handle.close()
         self._files.clear()
 
+    def _is_there(self, name: str) -> bool:
+        """Whether a recording can have this user: a radio that stands still, or a device with a pose."""
+        user = self._users.get(name)
+        return (user is not None and user.static) or f"tracks/{name}.tum" in self._files
+
     def _open(self, name: str) -> _File:
         if name not in self._files:
+            self._settings_changed = True
             handle = (self.folder / name).open("a", encoding="utf-8", newline="")
             _end_line(self.folder / name, handle)
             self._files[name] = _File(handle, handle.tell())

@@ -121,13 +121,15 @@ def test_what_came_after_the_state_is_said_again_in_the_order_of_time_and_half_a
     alice, bob = m.UserSettings("alice"), m.UserSettings("bob", antennas={"left": (0.1, 0.0, 0.0)})
     for user in (alice, bob):
         recorder.user(user, 0)
+    recorder.range(0.5, "alice", "bob", (0, 0), 2.5, {})  # neither has a pose yet: no recording can have it
     recorder.pose("alice", 0, 1.0, (1.0, 2.0, 3.0), NO_TURN)
+    recorder.pose("bob", 0, 1.0, (8.0, 8.0, 8.0), NO_TURN)
     recorder.range(1.0, "alice", "bob", (0, 0), 2.5, {"antenna_b": "left", "nlos": 1.0})
     before = recorder.offsets()
     recorder.user(bob, 1)
     recorder.pose("bob", 0, 1.2, (9.0, 9.0, 9.0), NO_TURN)  # of a frame that ended
-    recorder.range(2.02, "alice", "bob", (0, 1), 3.5, {"antenna_b": "left", "sigma": 0.05, "source": "module"})
     recorder.pose("bob", 1, 2.0, (4.0, 5.0, 6.0), NO_TURN)
+    recorder.range(2.02, "alice", "bob", (0, 1), 3.5, {"antenna_b": "left", "sigma": 0.05, "source": "module"})
     recorder.pose("alice", 0, 2.01, (1.5, 2.0, 3.0), NO_TURN)
     recorder.note("resume.json", {"offsets": before, "frames": {}})
     (tmp_path / "solver.state").write_bytes(b"state")
@@ -152,3 +154,4 @@ def test_what_came_after_the_state_is_said_again_in_the_order_of_time_and_half_a
     recorded = Recording.load(tmp_path)
     assert recorded.tracks["alice"].t.tolist() == [1.0, 2.01, 3.0]
     assert recorded_name("bob", 1) in recorded.tracks
+    assert recorded.ranges.t.tolist() == [1.0, 2.02]
