@@ -191,8 +191,28 @@ def _plot(options: argparse.Namespace) -> None:
     print_result(str(plot(recording, options.out, options.recording.resolve().name)))
 
 
+def _convert(options: argparse.Namespace) -> None:
+    with _extra("mcap"):
+        import mcap.writer  # noqa: F401
+    from synchronizar.io.mcap_file import write_mcap
+    from synchronizar.io.registration_reader import read_registration
+    from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
+
+    if options.to is None and options.out.suffix != ".mcap":
+        raise InputError(options.out, "has no name that says its format: call it .mcap, or say --to mcap")
+    recording, _ = _loaded(options.source)
+    if options.answer is None:
+        write_mcap(options.out, recording)
+    else:
+        updates = options.answer / UPDATES_FILE
+        replayed = read_updates(updates, recording) if updates.exists() else []
+        registration, tracks = read_registration(options.answer, recording, causal=updates.exists())
+        write_mcap(options.out, recording, registration, tracks, replayed)
+    print_result(str(options.out))
+
+
 def _serve(options: argparse.Namespace) -> None:
-    with _live_extra():
+    with _extra("live"):
         from synchronizar.live.server import ServerOptions, announce, serve
     import asyncio
 
@@ -211,7 +231,7 @@ def _serve(options: argparse.Namespace) -> None:
 
 
 def _play(options: argparse.Namespace) -> None:
-    with _live_extra():
+    with _extra("live"):
         from synchronizar.live.play import play
     import asyncio
 
@@ -226,12 +246,12 @@ def _play(options: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _live_extra() -> Iterator[None]:
-    """What only the live side needs comes with an extra."""
+def _extra(name: str) -> Iterator[None]:
+    """What only some commands need comes with an extra."""
     try:
         yield
     except ModuleNotFoundError as error:
-        raise InputError(error.name or "live", "is not installed: pip install 'synchronizar[live]'") from error
+        raise InputError(error.name or name, f"is not installed: pip install 'synchronizar[{name}]'") from error
 
 
 COMMANDS: dict[str, Command] = {
@@ -241,6 +261,7 @@ COMMANDS: dict[str, Command] = {
     "check": _check,
     "simulate": _simulate,
     "plot": _plot,
+    "convert": _convert,
     "serve": _serve,
     "play": _play,
 }

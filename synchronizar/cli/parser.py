@@ -119,6 +119,17 @@ def parser_of(commands_by_name: Mapping[str, Command]) -> argparse.ArgumentParse
     _add_scene_options(simulate)
     simulate.set_defaults(command=commands_by_name["simulate"])
 
+    convert = commands.add_parser(
+        "convert",
+        help="write a recording, and an answer about it, in another format",
+        epilog=_example("convert walk/ walk.mcap --answer answer/"),
+    )
+    convert.add_argument("source", metavar="SOURCE", type=Path, help="a recording")
+    convert.add_argument("out", metavar="OUT", type=Path, help="the file to write: walk.mcap")
+    convert.add_argument("--to", choices=["mcap"], help="its format [what its name ends with]")
+    convert.add_argument("--answer", metavar="DIR", type=Path, help="what register or replay wrote about it")
+    convert.set_defaults(command=commands_by_name["convert"])
+
     plot = commands.add_parser("plot", help="draw what register wrote", epilog=_example("plot walk/ answer/"))
     plot.add_argument("recording", metavar="RECORDING", type=Path)
     plot.add_argument("out", metavar="DIR", type=Path)
