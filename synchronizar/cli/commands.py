@@ -223,6 +223,7 @@ def _serve(options: argparse.Namespace) -> None:
         allow_version_1=options.allow_version_1,
         record=options.record,
         resume=options.resume,
+        public_url=options.public_url,
         certificate=options.certificate,
         tls=not options.no_tls,
         json=options.json,

@@ -146,6 +146,9 @@ def _add_live_commands(commands: Any, commands_by_name: Mapping[str, Command]) -
     serve.add_argument("--record", type=Path, metavar="DIR", help="write each room into a folder here as it goes")
     serve.add_argument("--resume", action="store_true", help="go on with the rooms that were recorded in DIR")
     serve.add_argument("--certificate", type=Path, metavar="PEM", help="certificate and key [self-signed, made once]")
+    serve.add_argument(
+        "--public-url", metavar="URL", help="under which others reach it, behind a proxy [its own address]"
+    )
     serve.add_argument("--no-tls", action="store_true", help="plain http; with --host 127.0.0.1 alone")
     serve.add_argument(
         "--allow-version-1", action="store_true", help="take modules that all sign with the room's own key"

@@ -72,7 +72,7 @@ class Client:
             raise InputError(address, "is no room's address; one looks like https://192.168.1.5:47180/#ABCD2345")
         settings = users if isinstance(users, Mapping) else {name: {} for name in users}
         asked = m.Join(parts.fragment, [_settings(name, own, up) for name, own in settings.items()], time, resume)
-        base = f"{parts.scheme}://{parts.netloc}"
+        base = f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}"
         verify: Any = True
         if parts.scheme == "https":
             verify = await trust(parts.hostname, parts.port or 443)

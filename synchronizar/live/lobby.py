@@ -17,6 +17,10 @@ CODE_LENGTH = 8
 """Characters: 40 bits, which nobody guesses at the rate that is allowed."""
 TOKEN_S = 60.0
 """s for which a token may be used, once."""
+MOST_ROOMS = 50
+"""In one process: each has a solver of its own."""
+OPENED_A_MINUTE = 5
+"""Rooms from one address."""
 TRIES_A_MINUTE = 30
 """Wrong codes from one address; more are refused unread."""
 
@@ -48,6 +52,7 @@ class Lobby:
         self._now = now
         self._bought: dict[bytes, _Bought] = {}
         self._wrong: Counter[str] = Counter()
+        self._opened: Counter[str] = Counter()
         self._minute = 0
 
     def add(self, room: Room) -> None:
@@ -64,10 +69,7 @@ class Lobby:
 
     def join(self, join: Join, address: str) -> Joined:
         """Sell a token. Raises MessageError where the code is wrong, or the room does not take these devices."""
-        minute = int(self._now() // 60.0)
-        if minute != self._minute:
-            self._minute = minute
-            self._wrong.clear()
+        self._begin_minute()
         if self._wrong[address] >= TRIES_A_MINUTE:
             raise MessageError("tries", "too many wrong codes: wait a minute")
         try:
@@ -81,6 +83,26 @@ class Lobby:
         token = secrets.token_urlsafe(24)
         self._bought[_digest(token)] = _Bought(room, ticket, now + TOKEN_S)
         return Joined(token, TOKEN_S, owner, room.code, ticket.users, *self.webtransport)
+
+    def may_open(self, address: str) -> None:
+        """Count a room that somebody opens. Raises MessageError where there are too many."""
+        self._begin_minute()
+        self._opened[address] += 1
+        if self._opened[address] > OPENED_A_MINUTE:
+            raise MessageError("tries", "too many rooms were opened from here: wait a minute")
+        if len(self.rooms) >= MOST_ROOMS:
+            raise MessageError("full", f"this server has its {MOST_ROOMS} rooms: use another one")
+
+    def remove(self, room: Room) -> None:
+        """Nobody can join it any more."""
+        self.rooms.pop(room.code, None)
+        self.by_session.pop(room.radio_session, None)
+
+    def _begin_minute(self) -> None:
+        if (minute := int(self._now() // 60.0)) != self._minute:
+            self._minute = minute
+            self._wrong.clear()
+            self._opened.clear()
 
     def redeem(self, token: str) -> tuple[Room, Ticket]:
         """What a token has bought. Raises MessageError where it is none, was used, or is too old."""

@@ -157,6 +157,7 @@ class Room:
         self._recorder = recorder
         self._ranges: list[NewestRange] = []
         self._told_at = self._frames_at = self._status_at = self._asked_at = -np.inf
+        self._empty_since = now()
         self._sequence = 0
         self._finishing: list[Client] = []
 
@@ -228,11 +229,17 @@ class Room:
     def disconnect(self, client: Client) -> None:
         """Its connection is gone; its devices may come again."""
         self.clients.discard(client)
+        if not self.clients:
+            self._empty_since = self.now()
         gone = [device for device in client.devices if device.client is client]
         for device in gone:
             device.client, device.left_at = None, self.time()
         if gone:
             self._tell_members()
+
+    def idle_for(self) -> float:
+        """How long (s) nobody has been here."""
+        return 0.0 if self.clients else self.now() - self._empty_since
 
     # What comes
 

@@ -32,6 +32,8 @@ from synchronizar.live.web import application
 if TYPE_CHECKING:
     from synchronizar.live.webtransport import WebTransportPort
 
+IDLE_S = 3600.0
+"""s after which a room without anybody is closed."""
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
@@ -51,6 +53,8 @@ class ServerOptions:
     """A folder in which each room writes its own."""
     resume: bool = False
     """Go on with all rooms that were recorded in that folder."""
+    public_url: str | None = None
+    """Under which address others reach it, where that is another one: behind a proxy."""
     certificate: Path | None = None
     """PEM file with certificate and key; None: a self-signed one."""
     tls: bool = True
@@ -85,12 +89,13 @@ class Server:
         self._url = ""
         self._runner: web.AppRunner | None = None
         self._udp: UdpPort | None = None
+        self._closing_idle: asyncio.Task[None] | None = None
         self._webtransport: WebTransportPort | None = None
 
     async def start(self) -> dict[str, object]:
         """Listen, open a room, and say where. Raises InputError where the port is taken."""
         options = self.options
-        self._runner = web.AppRunner(application(self.lobby, self.join_address), access_log=None)
+        self._runner = web.AppRunner(application(self.lobby, self.join_address, self.open_room), access_log=None)
         await self._runner.setup()
         site = web.TCPSite(self._runner, options.host, options.port, ssl_context=self._context)
         try:
@@ -99,13 +104,14 @@ class Server:
             raise InputError(
                 "--port", f"{options.port} cannot be listened at: {error.strerror}; choose another"
             ) from error
-        port = self._runner.addresses[0][1]
+        port = self.port
         if self._context is not None:
             await self._open_webtransport(port)
         name = options.host if options.host not in (None, "0.0.0.0", "::") else own_addresses()[0]
         host = f"[{name}]" if name and ":" in name else name
-        self._url = f"{'https' if self._context else 'http'}://{host}:{port}"
+        self._url = (options.public_url or f"{'https' if self._context else 'http'}://{host}:{port}").rstrip("/")
         self._udp = UdpPort(self.lobby, self.clock, options.host, options.udp_port)
+        self._closing_idle = asyncio.create_task(self._close_idle())
         room = self.open_rooms_again()[-1] if options.resume else self.open_room()
         return {"url": self._url, "room": room.code, "join": self.join_address(room.code), "udp_port": room.udp_port}
 
@@ -119,6 +125,12 @@ class Server:
             self.options.host, port, lambda link: serve_link(link, self.lobby)
         )
         self.lobby.webtransport = self._webtransport.port, self._webtransport.certificate_sha256.hex()
+
+    @property
+    def port(self) -> int:
+        """TCP port at which it listens."""
+        assert self._runner is not None
+        return int(self._runner.addresses[0][1])
 
     def join_address(self, code: str) -> str:
         """The address that phones and `play` join by: its fragment, the code, is seen and logged by no server."""
@@ -166,8 +178,19 @@ class Server:
         self.lobby.add(room)
         return room
 
+    async def _close_idle(self) -> None:
+        """Rooms in which nobody has been for long, but the first: what they wrote stays."""
+        while True:
+            await asyncio.sleep(60.0)
+            for host in [host for host in self.hosts[1:] if host.room.idle_for() > IDLE_S]:
+                self.hosts.remove(host)
+                self.lobby.remove(host.room)
+                await host.close()
+
     async def close(self) -> None:
         """Everything ended and on disk."""
+        if self._closing_idle is not None:
+            self._closing_idle.cancel()
         if self._udp is not None:
             self._udp.close()
         if self._webtransport is not None:

@@ -13,6 +13,7 @@ from synchronizar.live import messages as m
 from synchronizar.live.connection import serve_link
 from synchronizar.live.lobby import Lobby
 from synchronizar.live.messages import MessageError
+from synchronizar.live.room import Room
 
 PAGES = Path(str(files("synchronizar.live"))) / "pages"
 _PAGES_BY_PATH = {"/": "index.html", "/room": "room.html", "/phone": "phone.html"}
@@ -29,22 +30,23 @@ _HEADERS = {
 _LARGEST_BODY = 64 * 1024
 
 
-def application(lobby: Lobby, address_of: Callable[[str], str]) -> web.Application:
+def application(lobby: Lobby, address_of: Callable[[str], str], open_room: Callable[[], Room]) -> web.Application:
     """Serves the rooms of a lobby; `address_of` is the address by which others join a room, from its code."""
     app = web.Application(middlewares=[_headers], client_max_size=_LARGEST_BODY)
-    pages = _Pages(lobby, address_of)
+    pages = _Pages(lobby, address_of, open_room)
     for path in _PAGES_BY_PATH:
         app.router.add_get(path, pages.page)
     app.router.add_static("/pages", PAGES)
     app.router.add_post("/api/join", pages.join)
+    app.router.add_post("/api/rooms", pages.open)
     app.router.add_post("/api/qr", pages.qr)
     app.router.add_get("/live", pages.live)
     return app
 
 
 class _Pages:
-    def __init__(self, lobby: Lobby, address_of: Callable[[str], str]) -> None:
-        self._lobby, self._address_of = lobby, address_of
+    def __init__(self, lobby: Lobby, address_of: Callable[[str], str], open_room: Callable[[], Room]) -> None:
+        self._lobby, self._address_of, self._open_room = lobby, address_of, open_room
 
     async def page(self, request: web.Request) -> web.StreamResponse:
         return web.FileResponse(PAGES / _PAGES_BY_PATH[request.path])
@@ -56,6 +58,16 @@ class _Pages:
         except MessageError as error:
             return _refused(error)
         return web.Response(body=m.encode(joined), content_type="application/json")
+
+    async def open(self, request: web.Request) -> web.StreamResponse:
+        """One more room."""
+        try:
+            self._lobby.may_open(request.remote or "")
+            room = self._open_room()
+        except MessageError as error:
+            return _refused(error)
+        body = msgspec.json.encode({"room": room.code, "join": self._address_of(room.code)})
+        return web.Response(body=body, content_type="application/json")
 
     async def qr(self, request: web.Request) -> web.StreamResponse:
         """The address of a room as a QR code; its code comes in the body, so that it stands in no log."""

@@ -13,11 +13,13 @@ from typing import Any
 import aiohttp
 import numpy as np
 import pytest
+from aiohttp import web
 
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client
+from synchronizar.live.lobby import OPENED_A_MINUTE
 from synchronizar.live.play import play
 from synchronizar.live.server import Server, ServerOptions
 from synchronizar.simulation.scene import Scene
@@ -149,5 +151,71 @@ def test_two_clients_hear_each_other_and_objects_stand_for_both() -> None:
             await alice.until(lambda word: isinstance(word, m.Pong))
             assert alice.offset is not None
             assert abs(alice.offset) < 1.0
+
+    run(test)
+
+
+async def forwarding(request: web.Request, ports: dict[str, int]) -> web.StreamResponse:
+    """A proxy as small as can be: /a/... goes to one server, /b/... to the other."""
+    base, _, rest = request.path.removeprefix("/").partition("/")
+    url = f"http://127.0.0.1:{ports[base]}/{rest}"
+    async with aiohttp.ClientSession() as session:
+        if request.headers.get("Upgrade", "").lower() != "websocket":
+            async with session.request(request.method, url, data=await request.read()) as answer:
+                return web.Response(status=answer.status, body=await answer.read(), content_type=answer.content_type)
+        near = web.WebSocketResponse()
+        await near.prepare(request)
+        async with session.ws_connect(url) as far:
+
+            async def pump(source: Any, sink: Any) -> None:
+                async for word in source:
+                    await (sink.send_str if word.type is aiohttp.WSMsgType.TEXT else sink.send_bytes)(word.data)
+                await sink.close()
+
+            await asyncio.gather(pump(near, far), pump(far, near))
+        return near
+
+
+def test_rooms_of_two_servers_are_behind_one_address() -> None:
+    async def test() -> None:
+        ports: dict[str, int] = {}
+        proxy = web.Application()
+
+        async def forward(request: web.Request) -> web.StreamResponse:
+            return await forwarding(request, ports)
+
+        proxy.router.add_route("*", "/{path:.*}", forward)
+        runner = web.AppRunner(proxy)
+        await runner.setup()
+        await web.TCPSite(runner, "127.0.0.1", 0).start()
+        public = f"http://127.0.0.1:{runner.addresses[0][1]}"
+        async with (
+            serving(public_url=f"{public}/a") as (first, in_a),
+            serving(public_url=f"{public}/b/") as (second, in_b),
+        ):
+            ports |= {"a": first.port, "b": second.port}
+            async with aiohttp.ClientSession() as session, session.post(f"{public}/b/api/rooms") as response:
+                opened = await response.json()
+            assert opened["join"] == f"{public}/b/#{opened['room']}"
+            for address, room in ((in_a, first), (in_b, second), (opened["join"], second)):
+                async with await Client.join(address, ["alice"]) as alice:
+                    assert alice.welcome.room == address.partition("#")[2]
+                    assert alice.welcome.room in room.lobby.rooms
+            assert len(second.lobby.rooms) == 2
+        await runner.cleanup()
+
+    run(test)
+
+
+def test_rooms_cannot_be_opened_without_end() -> None:
+    async def test() -> None:
+        async with serving() as (server, address), aiohttp.ClientSession() as session:
+            base = address.partition("/#")[0]
+            statuses = []
+            for _ in range(OPENED_A_MINUTE + 1):
+                async with session.post(f"{base}/api/rooms") as response:
+                    statuses.append(response.status)
+            assert statuses == [200] * OPENED_A_MINUTE + [429]
+            assert len(server.lobby.rooms) == OPENED_A_MINUTE + 1
 
     run(test)
