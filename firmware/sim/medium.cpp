@@ -43,6 +43,12 @@ void Medium::block(std::uint16_t a, std::uint16_t b, Femto begin, Femto end, dou
   spans[begin] = {end, extra_m};
 }
 
+void Medium::forget_before(Femto t) {
+  for (auto& [pair, spans] : blocked_)
+    for (auto span = spans.begin(); span != spans.end();)
+      span = span->second.end < t ? spans.erase(span) : std::next(span);
+}
+
 void Medium::send(Chip& chip, const Emission& emission) {
   const auto from = std::find_if(antennas_.begin(), antennas_.end(),
                                  [&](const Antenna& antenna) { return antenna.chip == &chip; });

@@ -47,6 +47,9 @@ class Medium : public Ether {
   // first path. Spans of the same two must not overlap.
   void block(std::uint16_t a, std::uint16_t b, Femto begin, Femto end, double extra_m);
 
+  // Spans that ended before t.
+  void forget_before(Femto t);
+
   void send(Chip& from, const Emission& emission) override;
 
   std::function<void(std::uint16_t from, const Emission&)> on_emission;

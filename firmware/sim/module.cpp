@@ -55,6 +55,7 @@ Module::Module(Events& events, Medium& medium, std::uint64_t seed, const struct 
                Spec spec)
     : events_(events),
       spec_(std::move(spec)),
+      track_(spec_.track),
       nominal_delay_(drawn_delay(seed, spec_.address)),
       dice_(dice_for(seed, spec_.address, Use::kWander)),
       chip_(events, medium, nature_of(seed, spec_.address)),
@@ -66,7 +67,7 @@ Module::Module(Events& events, Medium& medium, std::uint64_t seed, const struct 
   settings_.eui64 = UINT64_C(0xACDE480000000000) | spec_.address;
   settings_.calibration.antenna_delay = static_cast<std::uint32_t>(nominal_delay_);
   settings_.calibration.temperature_cc = static_cast<std::int16_t>(kCalibratedAtC * 100.0);
-  medium.add(spec_.address, chip_, spec_.track);
+  medium.add(spec_.address, chip_, track_);
   board_.on_wait = [this] { tell_state(); };
   for (const Stint& stint : spec_.stints) {
     events_.at(stint.on, [this, &stint] { begin(stint); });

@@ -48,6 +48,12 @@ class Module {
   const Board& board() const { return board_; }
   Chip& chip() { return chip_; }
   const Key& key() const { return spec_.key; }
+  Track& track() { return track_; }
+
+  // Power comes and goes now: for modules whose stints are not known before.
+  void switch_on(const Stint& stint) { begin(stint); }
+  void switch_off() { end(); }
+
   const struct node& node() const { return node_; }  // means nothing where the board has no power or sleeps
   std::uint32_t starts() const { return starts_; }   // so far
 
@@ -68,6 +74,7 @@ class Module {
 
   Events& events_;
   const Spec spec_;
+  Track track_;
   const std::int64_t nominal_delay_;  // ticks
   Dice dice_;
   double wandered_ppm_ = 0.0;

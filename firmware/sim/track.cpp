@@ -15,6 +15,10 @@ void Track::add(Femto t, const Position& position) {
   knots_.push_back({t, position});
 }
 
+void Track::forget_before(Femto t) {
+  while (knots_.size() > 1 && knots_[1].t <= t) knots_.pop_front();
+}
+
 Position Track::at(Femto t) const {
   const auto after = std::upper_bound(knots_.begin(), knots_.end(), t,
                                       [](Femto moment, const Knot& knot) { return moment < knot.t; });

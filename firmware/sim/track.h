@@ -2,7 +2,7 @@
 #pragma once
 
 #include <array>
-#include <vector>
+#include <deque>
 
 #include "firmware/sim/time.h"
 
@@ -18,7 +18,11 @@ class Track {
   void add(Femto t, const Position& position);
 
   bool empty() const { return knots_.empty(); }
-  Position at(Femto t) const;  // there must be a place
+  Femto oldest() const { return knots_.front().t; }  // there must be a place, here and below
+  Femto newest() const { return knots_.back().t; }
+  // Places that are needed for nothing from t on.
+  void forget_before(Femto t);
+  Position at(Femto t) const;
 
  private:
   struct Knot {
@@ -26,7 +30,7 @@ class Track {
     Position position;
   };
 
-  std::vector<Knot> knots_;
+  std::deque<Knot> knots_;
 };
 
 }  // namespace air

@@ -27,8 +27,8 @@ BUCKET_S = 1.0
 SKEW_S = 300.0
 """s: over which the skew is fitted. Longer, and crystals drift by temperature (1 ppm in an hour: 6 us within it)."""
 HEIGHT_S = 30.0
-"""s: over which the least delay is looked for; busy spells of Wi-Fi are shorter (assumed). A skew that is wrong, as after
-a change of all delays, makes stamps wrong by MAX_SKEW times this at most, 3 ms."""
+"""s: over which the least delay is looked for; busy spells of Wi-Fi are shorter (assumed). A skew that is wrong, as
+after a change of all delays, makes stamps wrong by MAX_SKEW times this at most, 3 ms."""
 FIT_EVERY = 10
 """Buckets between fits of the skew, once there are twice as many."""
 SLEW = 2e-3

@@ -1,32 +1,27 @@
-// synchronizar-air SCENARIO --port N [--frames]: the firmware of some modules in a simulated air; what they
-// send to the collector of ranges leaves as real UDP datagrams for N on 127.0.0.1. SCENARIO.md tells the
-// rest.
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
+// synchronizar-air SCENARIO --port N [--live] [--frames]: the firmware of some modules in a simulated air;
+// what they send to the collector of ranges leaves as real UDP datagrams for N on 127.0.0.1. SCENARIO.md
+// tells the rest.
+#include <poll.h>
 #include <unistd.h>
 
-#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstdlib>
-#include <cstring>
 #include <fstream>
 #include <iomanip>
 #include <iostream>
-#include <map>
 #include <optional>
 #include <stdexcept>
 #include <string>
-#include <system_error>
-#include <vector>
+#include <string_view>
 
-#include "firmware/sim/dice.h"
 #include "firmware/sim/world.h"
+#include "firmware/targets/host/live.h"
+#include "firmware/targets/host/network.h"
 #include "firmware/targets/host/scenario.h"
 
 extern "C" {
 #include "firmware/core/frame.h"
-#include "firmware/core/wire.h"
 }
 
 namespace {
@@ -35,12 +30,6 @@ using air::Femto;
 
 constexpr int kAbandoned = 1, kBadInput = 2, kBroken = 3;  // exit status
 
-// From a module to the collector over Wi-Fi and back: at least 1.5 ms, and 1.5 ms more on average. So an
-// access point that is not busy behaves while the stations' power save is off (assumed). One station's
-// datagrams do not overtake each other.
-constexpr double kWifiLeastS = 1.5e-3, kWifiMoreS = 1.5e-3;
-constexpr std::uint64_t kWifiDice = 0xF1;
-
 // Nobody reads what is printed here any more, or answers it.
 struct Abandoned : std::exception {};
 
@@ -48,6 +37,7 @@ struct Options {
   std::string scenario;
   std::uint16_t port = 0;
   bool frames = false;
+  bool live = false;
 };
 
 struct UsageError : std::runtime_error {
@@ -60,6 +50,8 @@ Options read_options(int argc, const char* const* argv) {
     const std::string word = argv[i];
     if (word == "--frames") {
       options.frames = true;
+    } else if (word == "--live") {
+      options.live = true;
     } else if (word == "--port" && i + 1 < argc) {
       char* end = nullptr;
       const long port = std::strtol(argv[++i], &end, 10);
@@ -72,118 +64,9 @@ Options read_options(int argc, const char* const* argv) {
     }
   }
   if (options.scenario.empty() || options.port == 0)
-    throw UsageError("to be called as: synchronizar-air SCENARIO --port N [--frames]");
+    throw UsageError("to be called as: synchronizar-air SCENARIO --port N [--live] [--frames]");
   return options;
 }
-
-// A module's way to the collector, with a port of its own: what the collector sends back there is for that
-// module.
-class Socket {
- public:
-  explicit Socket(std::uint16_t collector_port) : handle_(::socket(AF_INET, SOCK_DGRAM, 0)) {
-    sockaddr_in collector{};
-    collector.sin_family = AF_INET;
-    collector.sin_port = htons(collector_port);
-    collector.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    if (handle_ < 0 ||
-        ::connect(handle_, reinterpret_cast<const sockaddr*>(&collector), sizeof collector) != 0)
-      throw std::system_error(errno, std::generic_category(), "no socket");
-  }
-  ~Socket() { ::close(handle_); }
-  Socket(const Socket&) = delete;
-  Socket& operator=(const Socket&) = delete;
-
-  // Nobody may be listening; then the datagram is lost, as it would be on a network.
-  void send(const std::vector<std::uint8_t>& datagram) const {
-    (void)::send(handle_, datagram.data(), datagram.size(), 0);
-  }
-
-  // What has come in by now; empty: nothing.
-  std::vector<std::uint8_t> receive() const {
-    std::vector<std::uint8_t> datagram(2048);
-    const ssize_t size = ::recv(handle_, datagram.data(), datagram.size(), MSG_DONTWAIT);
-    datagram.resize(size > 0 ? static_cast<std::size_t>(size) : 0);
-    return datagram;
-  }
-
- private:
-  int handle_;
-};
-
-// The network between the modules of a world and the collector.
-class Network {
- public:
-  Network(air::World& world, const air::World::Settings& settings, std::uint16_t port) : world_(world) {
-    for (const auto& [address, module] : world.modules())
-      stations_.try_emplace(address, air::Dice{settings.medium.seed, kWifiDice, address}, port);
-    world.on_datagram = [this](std::uint16_t from, const std::uint8_t* datagram, std::size_t size) {
-      carry_up(from, {datagram, datagram + size});
-      return true;
-    };
-  }
-
- private:
-  struct Station {
-    Station(const air::Dice& some_dice, std::uint16_t port) : dice(some_dice), socket(port) {}
-    air::Dice dice;
-    Socket socket;
-    Femto up = 0, down = 0;  // when the latest datagram comes there
-  };
-
-  Femto arrival(Station& station, Femto latest) {
-    const Femto latency = air::seconds(kWifiLeastS + kWifiMoreS * station.dice.exponential());
-    return std::max(world_.events().now() + latency, latest);
-  }
-
-  void carry_up(std::uint16_t from, std::vector<std::uint8_t> datagram) {
-    Station& station = stations_.at(from);
-    station.up = arrival(station, station.up);
-    const std::optional<Femto> measured = newest_measured(from, datagram);
-    world_.events().at(station.up,
-                       [this, from, measured, sent = std::move(datagram)] { deliver(from, sent, measured); });
-  }
-
-  // When the newest range that a module tells was measured, as the module has its time now.
-  std::optional<Femto> newest_measured(std::uint16_t from, const std::vector<std::uint8_t>& datagram) const {
-    struct wire_ranges told;
-    const air::Module::Key& key = world_.module(from).key();
-    if (!wire_read_ranges(datagram.data(), datagram.size(), key.data(), &told) || told.count == 0)
-      return std::nullopt;
-    std::int64_t newest_us = told.range[0].offset_us;
-    for (unsigned i = 1; i < told.count; ++i)
-      newest_us = std::max<std::int64_t>(newest_us, told.range[i].offset_us);
-    return world_.module(from).moment_of(told.epoch,
-                                         static_cast<std::int64_t>(told.time_ns) + 1000 * newest_us);
-  }
-
-  void deliver(std::uint16_t from, const std::vector<std::uint8_t>& datagram, std::optional<Femto> measured) {
-    const Station& station = stations_.at(from);
-    station.socket.send(datagram);
-    std::cout << "sent " << air::to_seconds(world_.events().now()) << ' ' << from << ' ' << datagram.size()
-              << ' ';
-    if (measured)
-      std::cout << air::to_seconds(*measured);
-    else
-      std::cout << '-';
-    std::cout << '\n' << std::flush;
-    std::string answer;
-    if (!std::getline(std::cin, answer)) throw Abandoned();
-    for (auto& [address, other] : stations_) carry_down(address, other);
-  }
-
-  void carry_down(std::uint16_t to, Station& station) {
-    while (true) {
-      std::vector<std::uint8_t> datagram = station.socket.receive();
-      if (datagram.empty()) return;
-      station.down = arrival(station, station.down);
-      air::Board& board = world_.module(to).board();
-      world_.events().at(station.down, [&board, sent = std::move(datagram)] { board.hear(sent); });
-    }
-  }
-
-  air::World& world_;
-  std::map<std::uint16_t, Station> stations_;
-};
 
 void tell_frame(std::uint16_t from, const air::Emission& emission) {
   constexpr std::size_t kFcs = 2;
@@ -198,27 +81,126 @@ void tell_frame(std::uint16_t from, const air::Emission& emission) {
     std::cout << ' ' << static_cast<int>(frame.slot) << " word\n";
 }
 
-Scenario load(const std::string& path) {
+std::ifstream opened(const std::string& path) {
   std::ifstream text(path);
   if (!text) throw UsageError(path + " cannot be read");
-  return read_scenario(text, path);
+  return text;
+}
+
+// A line for whatever happens to a module, or comes from it.
+void tell_state(air::World& world, std::uint16_t module, std::string_view words) {
+  std::cout << "said " << air::to_seconds(world.events().now()) << " node " << module << ' ' << words << '\n';
+}
+
+void tell_sent(air::World& world, std::uint16_t from, std::size_t size, std::optional<Femto> measured) {
+  std::cout << "sent " << air::to_seconds(world.events().now()) << ' ' << from << ' ' << size << ' ';
+  if (measured)
+    std::cout << air::to_seconds(*measured);
+  else
+    std::cout << '-';
+  std::cout << '\n';
+}
+
+void listen(air::World& world, const Options& options) {
+  std::cout << std::fixed << std::setprecision(9);
+  world.on_state = [&world](std::uint16_t module, std::string_view words) {
+    tell_state(world, module, words);
+  };
+  if (options.frames) world.medium().on_emission = tell_frame;
 }
 
 void run(const Options& options) {
-  const Scenario scenario = load(options.scenario);
+  std::ifstream text = opened(options.scenario);
+  const Scenario scenario = read_scenario(text, options.scenario);
   air::World world(scenario.settings);
   for (const air::Module::Spec& node : scenario.nodes) world.add(node);
   for (const Scenario::Late& late : scenario.late)
     world.medium().block(late.a, late.b, late.begin, late.end, late.extra_m);
 
-  std::cout << std::fixed << std::setprecision(9);
-  const Network network(world, scenario.settings, options.port);
-  world.on_state = [&world](std::uint16_t module, std::string_view words) {
-    std::cout << "said " << air::to_seconds(world.events().now()) << " node " << module << ' ' << words
-              << '\n';
-  };
-  if (options.frames) world.medium().on_emission = tell_frame;
+  listen(world, options);
+  std::optional<air::Network> network;
+  network.emplace(world, scenario.settings.medium.seed, options.port,
+                  [&](std::uint16_t from, std::size_t size, std::optional<Femto> measured) {
+                    tell_sent(world, from, size, measured);
+                    std::cout << std::flush;
+                    std::string answer;
+                    if (!std::getline(std::cin, answer)) throw Abandoned();
+                    network->carry_down();
+                  });
   world.run_until(scenario.length);
+  std::cout << "done" << '\n' << std::flush;
+}
+
+// Lines of standard input as they come; none is waited for unless that is asked for.
+class Lines {
+ public:
+  // False at the end of all.
+  bool read(bool wait) {
+    pollfd input{STDIN_FILENO, POLLIN, 0};
+    const int ready = ::poll(&input, 1, wait ? -1 : 0);
+    if (ready <= 0) return true;
+    std::array<char, 65536> bytes;
+    const ssize_t size = ::read(STDIN_FILENO, bytes.data(), bytes.size());
+    if (size < 0) return errno == EINTR || errno == EAGAIN;
+    text_.append(bytes.data(), static_cast<std::size_t>(size));
+    return size > 0;
+  }
+
+  // The next whole line; nothing where none has come.
+  std::optional<std::string> next() {
+    const std::size_t end = text_.find('\n', begin_);
+    if (end == std::string::npos) {
+      text_.erase(0, begin_);
+      begin_ = 0;
+      // What is longer than any line that means something is not kept until it ends.
+      if (text_.size() > kLongestLine) text_.resize(kLongestLine);
+      return std::nullopt;
+    }
+    std::string line = text_.substr(begin_, end - begin_);
+    begin_ = end + 1;
+    ++number_;
+    return line;
+  }
+
+  std::uint64_t number() const { return number_; }
+
+ private:
+  static constexpr std::size_t kLongestLine = 1000;
+
+  std::string text_;
+  std::size_t begin_ = 0;
+  std::uint64_t number_ = 0;  // of the latest line
+};
+
+void run_live(const Options& options) {
+  constexpr Femto kSlice = 10 * air::kMillisecond;
+  std::ifstream text = opened(options.scenario);
+  const air::World::Settings settings = read_settings(text, options.scenario);
+  air::World world(settings);
+  listen(world, options);
+  air::Network network(world, settings.medium.seed, options.port,
+                       [&](std::uint16_t from, std::size_t size, std::optional<Femto> measured) {
+                         tell_sent(world, from, size, measured);
+                       });
+  air::Live live(world);
+  Lines lines;
+  bool ended = false;
+  while (true) {
+    const std::optional<Femto> horizon = live.horizon();
+    const bool stands = !horizon || *horizon <= world.events().now();
+    if (ended && stands) break;
+    if (!ended) ended = !lines.read(stands);
+    while (const std::optional<std::string> line = lines.next()) {
+      try {
+        live.take(*line);
+      } catch (const std::invalid_argument& fault) {
+        std::cerr << "synchronizar-air: line " << lines.number() << ": " << fault.what() << '\n';
+      }
+    }
+    network.carry_down();
+    live.run_until(world.events().now() + kSlice);
+    std::cout << std::flush;
+  }
   std::cout << "done" << '\n' << std::flush;
 }
 
@@ -231,7 +213,11 @@ int fail(const std::exception& error, int status) {
 
 int main(int argc, char* const* argv) {
   try {
-    run(read_options(argc, argv));
+    const Options options = read_options(argc, argv);
+    if (options.live)
+      run_live(options);
+    else
+      run(options);
     return 0;
   } catch (const Abandoned&) {
     return kAbandoned;

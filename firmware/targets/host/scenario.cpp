@@ -22,7 +22,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 class Reader {
  public:
-  Reader() {
+  explicit Reader(bool settings_alone) : settings_alone_(settings_alone) {
     scenario_.settings.node.scheme = SCHEME_ONE_TO_N;
     scenario_.settings.node.channel = 5;
     scenario_.settings.node.prf_mhz = 64;
@@ -57,10 +57,12 @@ class Reader {
 
   void read_line(Words& words) {
     const std::string kind = words.next("what the line is about");
-    if (kind == "node") return read_node(words);
-    if (kind == "key") return read_key(words);
-    if (kind == "at") return read_place(words);
-    if (kind == "late") return read_late(words);
+    if (!settings_alone_) {
+      if (kind == "node") return read_node(words);
+      if (kind == "key") return read_key(words);
+      if (kind == "at") return read_place(words);
+      if (kind == "late") return read_late(words);
+    }
     if (!said_.insert(kind).second) throw std::invalid_argument("'" + kind + "' stands here once more");
     read_setting(kind, words);
   }
@@ -71,7 +73,7 @@ class Reader {
     constexpr auto most32 = std::numeric_limits<std::uint32_t>::max();
     if (kind == "seed") {
       medium.seed = words.whole("the seed", std::numeric_limits<std::uint64_t>::max());
-    } else if (kind == "seconds") {
+    } else if (kind == "seconds" && !settings_alone_) {
       scenario_.length = words.time("the length");
     } else if (kind == "scheme") {
       node.scheme = scheme_of(words.next("the scheme"));
@@ -161,8 +163,12 @@ class Reader {
 
   void check_complete(bool empty) const {
     if (empty) throw std::invalid_argument("nothing stands here");
-    for (const char* kind : {"seconds", "session"})
-      if (said_.count(kind) == 0) throw std::invalid_argument(std::string("'") + kind + "' is missing");
+    for (const char* kind : {"seconds", "session"}) {
+      const bool needed = !settings_alone_ || kind != std::string("seconds");
+      if (needed && said_.count(kind) == 0)
+        throw std::invalid_argument(std::string("'") + kind + "' is missing");
+    }
+    if (settings_alone_) return;
     if (scenario_.nodes.empty()) throw std::invalid_argument("there is no node");
     for (const air::Module::Spec& node : scenario_.nodes) {
       const std::string name = "node " + std::to_string(node.address);
@@ -171,6 +177,7 @@ class Reader {
     }
   }
 
+  const bool settings_alone_;
   Scenario scenario_;
   std::set<std::string> said_;
   std::map<std::uint16_t, std::size_t> index_;  // of a node, by address
@@ -180,4 +187,8 @@ class Reader {
 
 }  // namespace
 
-Scenario read_scenario(std::istream& text, const std::string& file) { return Reader().read(text, file); }
+Scenario read_scenario(std::istream& text, const std::string& file) { return Reader(false).read(text, file); }
+
+air::World::Settings read_settings(std::istream& text, const std::string& file) {
+  return Reader(true).read(text, file).settings;
+}

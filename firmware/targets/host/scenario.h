@@ -28,3 +28,6 @@ struct ScenarioError : std::runtime_error {
 };
 
 Scenario read_scenario(std::istream& text, const std::string& file);
+
+// Of the live air: what holds for all its modules, which come later.
+air::World::Settings read_settings(std::istream& text, const std::string& file);

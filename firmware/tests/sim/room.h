@@ -119,8 +119,11 @@ class Room {
       one.clock_s = static_cast<double>(said.time_ns) * 1e-9 + said.range[i].offset_us * 1e-6;
       one.at_s = now_s();
       const Femto now = world.events().now();
-      const double true_m = distance(tracks_.at(from).at(now), tracks_.at(one.peer).at(now));
-      one.error_m = one.range.distance_mm * 1e-3 - true_m;
+      // Where the room does not know the tracks the error means nothing.
+      if (tracks_.count(from) > 0 && tracks_.count(one.peer) > 0) {
+        const double true_m = distance(tracks_.at(from).at(now), tracks_.at(one.peer).at(now));
+        one.error_m = one.range.distance_mm * 1e-3 - true_m;
+      }
       told.push_back(one);
     }
   }

@@ -179,6 +179,30 @@ void what_is_missing_is_named_at_the_end() {
   CHECK(fault(std::string(kBegin) + kNode1 + kKey1) == "room.txt:6: node 1 is nowhere: it has no 'at'");
 }
 
+// Of the live air: what holds for all, and nothing of the modules, which come later.
+void settings_stand_alone() {
+  const auto settings_of = [](const std::string& text) {
+    std::istringstream in(text);
+    return read_settings(in, "live.txt");
+  };
+  const air::World::Settings settings = settings_of("air 1\nsession 7\nseed 3\nstamp_sigma 0.03\n");
+  CHECK(settings.node.session == 7 && settings.medium.seed == 3);
+  const std::vector<std::pair<std::string, std::string>> faults = {
+      {"air 1\n", "live.txt:2: 'session' is missing"},
+      {"air 1\nsession 7\nseconds 3\n", "live.txt:3: 'seconds' is unknown"},
+      {std::string("air 1\nsession 7\n") + kNode1, "live.txt:3: 'node' is unknown"},
+  };
+  for (const auto& [text, words] : faults) {
+    std::string found;
+    try {
+      (void)settings_of(text);
+    } catch (const ScenarioError& error) {
+      found = error.what();
+    }
+    CHECK(found == words);
+  }
+}
+
 }  // namespace
 
 int main() {
@@ -189,5 +213,6 @@ int main() {
   a_short_key_is_refused();
   another_version_is_refused();
   what_is_missing_is_named_at_the_end();
+  settings_stand_alone();
   return check::verdict();
 }
