@@ -70,7 +70,6 @@ def test_a_burst_of_nlos_gains_much_less_than_a_shift_as_large() -> None:
     late = np.array([1.2, 0.0, 0.0, 0.0])
     blocked = [found(np.zeros(3), late, precision=prior, seed=seed)[1] for seed in range(10)]
     moved = [found(np.array([1.2, 0.0, 0.0]), np.zeros(4), precision=prior, seed=seed)[1] for seed in range(10)]
-    assert max(blocked) < PARAMETERS.integrity.shift_gain + PARAMETERS.integrity.shift_cost
     assert min(moved) > 3.0 * max(blocked)
 
 
