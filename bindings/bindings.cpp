@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "factors/adjustment.h"
+#include "factors/common_shift.h"
 #include "factors/height_search.h"
 #include "factors/neighbours.h"
 #include "factors/nlos_bursts.h"
@@ -494,6 +495,34 @@ NB_MODULE(_core, m) {
         return std::pair(found.nlos_odds, found.cost);
       },
       "bounds"_a, "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
+
+  m.def(
+      "common_shift",
+      [](const Numbers& bounds, const Column& t, const Points& away, const Column& distance, const Column& sigma,
+         const Column& nlos_odds, const Column& share, const Column& weight, const Eigen::Vector3d& precision,
+         const Points& starts, const NlosMixture& loss, const Bursts& bursts) {
+        const auto n = t.size();
+        check_bounds(bounds, n);
+        require(away.rows() == n && distance.size() == n && sigma.size() == n && nlos_odds.size() == n &&
+                    share.size() == n,
+                "all columns must be (n,), away (n, 3)");
+        require(weight.size() + 1 == bounds.size(), "weight must be (p,)");
+        require(t.allFinite() && away.allFinite() && distance.allFinite() && share.allFinite() &&
+                    weight.allFinite() && starts.allFinite(),
+                "numbers must be finite");
+        require(sigma.allFinite() && (sigma.array() > 0.0).all() && (precision.array() > 0.0).all(),
+                "sigma and precision must be positive");
+        require(nlos_odds.allFinite() && (nlos_odds.array() >= 0.0).all(), "odds must not be negative");
+        for (Eigen::Index p = 0; p + 1 < bounds.size(); ++p) {
+          require(std::is_sorted(t.begin() + bounds[p], t.begin() + bounds[p + 1]),
+                  "t must be sorted within a pair");
+        }
+        const CommonShift found = common_shift({bounds, t, away, distance, sigma, nlos_odds, share, weight},
+                                               precision, starts, loss, bursts);
+        return std::pair(found.shift, found.gain);
+      },
+      "bounds"_a, "t"_a, "away"_a, "distance"_a, "sigma"_a, "nlos_odds"_a, "share"_a, "weight"_a, "precision"_a,
+      "starts"_a, "loss"_a, "bursts"_a);
 
   m.def(
       "search_heights",

@@ -326,6 +326,28 @@ def burst_nlos_odds_of_pairs(
 ) -> tuple[Array, Array]:
     """`burst_nlos_odds` of many pairs, each a chain of its own: odds (n,), and the chains' costs (p,)."""
 
+def common_shift(
+    bounds: Indices,
+    t: Array,
+    away: Array,
+    distance: Array,
+    sigma: Array,
+    nlos_odds: Array,
+    share: Array,
+    weight: Array,
+    precision: Array,
+    starts: Array,
+    loss: NlosMixture,
+    bursts: Bursts,
+) -> tuple[Array, float]:
+    """One shift (3,) m of some users' ends that explains their ranges best, and the log likelihood that it gains.
+
+    `bounds` (p + 1,) the first range of each pair and the end; of each range (n,): `t` s, sorted within a pair, `away`
+    (n, 3) m from the other end to that of these users, `distance` m as measured, `sigma` m, `nlos_odds`, and `share` of
+    the shift that is there at that time; `weight` (p,) of each pair's likelihood; `precision` (3,) 1/m^2 of the shift's
+    prior; `starts` (m, 3) m from where it is looked for.
+    """
+
 def search_heights(
     frames: Array,
     sigma: Array,

@@ -268,6 +268,25 @@ class IntegrityParameters:
     """Sigmas: further off, a range of two users does not fit, once somebody is contradicted; ..."""
     innovation_pair_share: float = 0.25
     """... with a larger share of these, the two do not fit one another."""
+    shift_steady: float = 0.6
+    """s: over so long users are taken to be off by one shift that stays, ..."""
+    shift_growing: tuple[float, ...] = (2.0, 4.0)
+    """... and over so long by one that grows evenly, as while SLAM slides, or in a train or a lift."""
+    shift_sigma: float = 2.0
+    """m, 1 sigma of such a shift on each axis."""
+    shift_looked_at: float = 5.0
+    """Log likelihood by a linear score, which knows no NLOS, from which on the shift of a group is fitted."""
+    shift_least: float = 0.2
+    """m: a smaller shift is left to the follower."""
+    shift_cost: float = 3.0
+    """Log likelihood that each registered user costs that is taken to be somewhere else: few of them are."""
+    shift_gain: float = 13.0
+    """Log likelihood that a shift gains, beside all that bursts of NLOS explain and what it costs, from which on users
+    are there; ..."""
+    shift_gain_suspected: float = 4.5
+    """... and from which on they are not called registered until half of it is gone."""
+    shift_gain_apart: float = 3.0
+    """Shifts of others that gain less than this below the best may be the true ones too."""
     doubted_duration: float = 30.0
     """s after its ranges contradicted a user in which it is registered again only ..."""
     doubted_share: float = 0.25

@@ -242,6 +242,7 @@ class Engine:
         self.tracking = Tracking(self.users, self.streams, self.parameters)
         self.tracking.origin, self.tracking.noise = before.origin, before.noise
         self.tracking.assumed_clock = before.assumed_clock
+        self._contradictions.suspected = frozenset()
         self._members = None
 
     def _unfollow(self, user: int) -> None:
@@ -260,14 +261,16 @@ class Engine:
 
     @property
     def gauge(self) -> int:
-        """The user beside whom the others are judged: the reference while it is followed.
+        """The user beside whom the others are judged: the reference while it is followed and not contradicted.
 
-        Else who has the newest slot, one that moves before one that stands.
+        Else who has the newest slot, one that moves before one that stands. The reference itself is looked for beside
+        the others until it is registered again.
         """
-        tracking = self.tracking
-        if not tracking.members or self.reference in tracking.members:
+        members = self.tracking.members
+        others = [u for u in members if u != self.reference]
+        if not others or (self.reference in members and not self.standings[self.reference].contradicted):
             return self.reference
-        return max(tracking.members, key=lambda u: (tracking.members[u].slot, not self.users[u].static, -u))
+        return max(others, key=lambda u: (members[u].slot, not self.users[u].static, -u))
 
     # Searching
 
@@ -456,6 +459,8 @@ class Engine:
         doubted = found.t - standing.doubted_at < m.doubted_duration
         if state is State.REGISTERED and doubted and own.rejected > m.doubted_share:
             state, reason = State.UNOBSERVABLE, f"{own.rejected:.0%} of its latest ranges do not fit"
+            if own.rejected > m.doubted_share + self._nlos_share:  # more than NLOS among the others: it lasts
+                standing.doubted_at = found.t
         if state is State.REGISTERED and not (standing.is_registered or self._is_steady(standing, own, before, placed)):
             standing.progress *= _WATCHED_AT
             state, reason = State.UNOBSERVABLE, "its place is known, if it stays there: it is watched on"
@@ -601,7 +606,8 @@ class Engine:
         if members is None:
             return
         gauge = self.gauge
-        contradicted = self._contradictions.found(self.now, gauge)
+        registered = frozenset(u for u in tracking.members if u == self.reference or self.standings[u].is_registered)
+        contradicted = self._contradictions.found(self.now, gauge, registered)
         if contradicted is not None:
             users, reason = contradicted
             for user in users:
@@ -724,7 +730,13 @@ class Engine:
             return State.UNOBSERVABLE
         if standing.is_registered and stream is not None and stream.suspect is not None:
             return State.UNOBSERVABLE
+        if standing.is_registered and self._is_suspected(user):
+            return State.UNOBSERVABLE
         return standing.state
+
+    def _is_suspected(self, user: int) -> bool:
+        """Whether its latest ranges make it doubtful where a user is; where the reference is, nobody is sure."""
+        return not self._contradictions.suspected.isdisjoint((user, self.reference))
 
     def reason(self, user: int) -> str:
         """Why the state is what it is."""
@@ -735,6 +747,8 @@ class Engine:
             return "the reference's own track is contradicted"
         if standing.is_registered and stream is not None and stream.suspect is not None:
             return f"its SLAM may have {'stopped' if stream.suspect.kind == 'frozen' else 'jumped'}"
+        if standing.is_registered and self._is_suspected(user):
+            return "its latest ranges may say that it is somewhere else"
         return standing.reason
 
     def jumps(self, user: int) -> tuple[Jump, ...]:
@@ -796,6 +810,7 @@ class Engine:
             "ranges": (self.log.rows.copy(), self.log.taken),
             "guards": [(guard.last, guard.count, list(guard.held)) for guard in (self._clock, self._guard)],
             "innovations": self._contradictions.recent,
+            "suspected": sorted(self._contradictions.suspected),
             "tracking": self.tracking.state(),
         }
 
@@ -808,7 +823,7 @@ class Engine:
         self.log.restore(*state["ranges"])
         self._clock.last, self._clock.count, self._clock.held = state["guards"][0]
         self._guard.last, self._guard.count, self._guard.held = state["guards"][1]
-        self._contradictions.restore(state["innovations"])
+        self._contradictions.restore(state["innovations"], frozenset(state["suspected"]))
         self.tracking.restore(state["tracking"])
         if self.tracking.members:
             self._members = Members(self.tracking, self.reference, self.shift)

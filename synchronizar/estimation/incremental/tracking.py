@@ -10,7 +10,7 @@ import numpy as np
 from synchronizar._core import burst_nlos_odds_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.user import User
-from synchronizar.estimation.incremental.contradictions import Innovations
+from synchronizar.estimation.incremental.innovations import Innovations
 from synchronizar.estimation.incremental.slot_ranges import (
     DISTANCE,
     END_I,
@@ -59,6 +59,7 @@ _MOST_OPENED = 30  # slots at once: who was away for longer than that is not fol
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
 _SOMEWHERE = 10.0  # m, 1 sigma of the prior of who joins; a search has it to within a metre
 _FEWEST_RANGES = 20  # of a user, for a share of them
+_MOST_EXACT = 4.0  # times the weight that its sigma gives a range
 _MOST_ANTENNAS = 1024  # of a user, in the number of a link
 
 
@@ -294,7 +295,10 @@ class Tracking:
         )
         self.ranges.add(known_rows, *((o[there], a[there], v[there]) for o, a, v in ends))
         added = self.ranges.rows[-len(known_rows) :]
-        self._untaken.append(np.column_stack([added[:, [T, USER_I, USER_J, SIGMA]], self.residuals(added)]))
+        away, bias = self._apart(added)
+        columns = added[:, [T, USER_I, USER_J, SIGMA, ODDS, WEIGHT, DISTANCE]]
+        columns[:, -1] -= bias
+        self._untaken.append(np.column_stack([columns, away]))
         return sorted(set(slot[there].tolist()))
 
     def _weight_of(self, i: int, j: int) -> float:
@@ -352,11 +356,16 @@ class Tracking:
 
         `spread` is 1 sigma (m) of each user's place, which adds to what is expected.
         """
-        rows = np.concatenate([np.zeros((0, 5)), *self._untaken])
+        rows = np.concatenate([np.zeros((0, 10)), *self._untaken])
         self._untaken = []
-        i, j = rows[:, 1].astype(np.int32), rows[:, 2].astype(np.int32)
+        t, sigma, nlos_odds, weight, distance = (rows[:, n].copy() for n in (0, 3, 4, 5, 6))
+        i, j, away = rows[:, 1].astype(np.int32), rows[:, 2].astype(np.int32), rows[:, 7:].copy()
         of_users = np.array([spread.get(u, 0.0) for u in range(len(self.users))]) ** 2
-        return Innovations(rows[:, 0], i, j, rows[:, 4] / np.sqrt(rows[:, 3] ** 2 + of_users[i] + of_users[j]))
+        places = of_users[i] + of_users[j]
+        whitened = (np.linalg.norm(away, axis=1) - distance) / np.sqrt(sigma**2 + places)
+        # A pair whose ranges are worth more than their sigma says is that much more exact.
+        exact = np.sqrt(sigma**2 / np.clip(weight, 1.0, _MOST_EXACT) + places)
+        return Innovations(t, i, j, whitened, away, distance, exact, nlos_odds, np.minimum(weight, 1.0))
 
     def rejected(self, since: float) -> Array:
         """(k,) share of each user's ranges since then (s) that are more likely NLOS, or outliers, than inliers."""
@@ -414,6 +423,11 @@ class Tracking:
 
     def residuals(self, rows: Array) -> Array:
         """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
+        away, bias = self._apart(rows)
+        return np.asarray(np.linalg.norm(away, axis=1) + bias - rows[:, DISTANCE])
+
+    def _apart(self, rows: Array) -> tuple[Array, Array]:
+        """From j's antenna to i's (n, 3) m, and what radios add (n,) m, of ranges (n, columns), as estimated now."""
         slots = rows[:, SLOT].astype(np.int64)
         first = int(slots.min()) if len(slots) else 0
         states_at = np.zeros((int(slots.max(initial=first)) - first + 1, len(self.users), 7))
@@ -427,7 +441,7 @@ class Tracking:
             arm = np.exp(states[:, 4:5]) * offset + lever + states[:, 6:7] * velocity
             ends.append(apply_frames(states[:, [0, 1, 3, 2]], arm))
             bias += states[:, 5]
-        return np.asarray(np.linalg.norm(ends[0] - ends[1], axis=1) + bias - rows[:, DISTANCE])
+        return np.asarray(ends[0] - ends[1]), bias
 
     def judge(self, first: int, weigh: bool) -> None:
         """NLOS odds of the ranges from slot `first` on, anew, and their weights where `weigh` says so.
