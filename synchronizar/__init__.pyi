@@ -1,4 +1,5 @@
 # What the package offers, and where each of it lives: the one list of it, read by __init__.py and by type checkers.
+from . import live as live
 from ._core import Cauchy as Cauchy
 from ._core import GemanMcClure as GemanMcClure
 from ._core import Huber as Huber

@@ -26,7 +26,8 @@ ALLOWED = {
     "estimation": ("graph", "diagnosis"),
     "simulation": ("io",),
     "reporting": ("io", "estimation"),
-    "cli": ("reporting", "simulation"),
+    "live": ("io", "estimation"),
+    "cli": ("reporting", "simulation", "live"),
     "face": ("cli",),
 }
 FACE = ("__init__", "__main__")

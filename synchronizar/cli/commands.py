@@ -191,6 +191,70 @@ def _plot(options: argparse.Namespace) -> None:
     print_result(str(plot(recording, options.out, options.recording.resolve().name)))
 
 
+def _convert(options: argparse.Namespace) -> None:
+    with _extra("mcap"):
+        import mcap.writer  # noqa: F401
+    from synchronizar.io.mcap_file import write_mcap
+    from synchronizar.io.registration_reader import read_registration
+    from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
+
+    if options.to is None and options.out.suffix != ".mcap":
+        raise InputError(options.out, "has no name that says its format: call it .mcap, or say --to mcap")
+    recording, _ = _loaded(options.source)
+    if options.answer is None:
+        write_mcap(options.out, recording)
+    else:
+        updates = options.answer / UPDATES_FILE
+        replayed = read_updates(updates, recording) if updates.exists() else []
+        registration, tracks = read_registration(options.answer, recording, causal=updates.exists())
+        write_mcap(options.out, recording, registration, tracks, replayed)
+    print_result(str(options.out))
+
+
+def _serve(options: argparse.Namespace) -> None:
+    with _extra("live"):
+        from synchronizar.live.server import ServerOptions, announce, serve
+    import asyncio
+
+    asked = ServerOptions(
+        host=options.host,
+        port=options.port,
+        udp_port=options.udp_port,
+        allow_version_1=options.allow_version_1,
+        record=options.record,
+        resume=options.resume,
+        public_url=options.public_url,
+        certificate=options.certificate,
+        tls=not options.no_tls,
+        json=options.json,
+    )
+    asyncio.run(serve(asked, lambda where: announce(where, asked)))
+
+
+def _play(options: argparse.Namespace) -> None:
+    with _extra("live"):
+        from synchronizar.live.play import play
+    import asyncio
+
+    recording, _ = _loaded(options.recording)
+    try:
+        answer = asyncio.run(play(recording, options.join, options.speed))
+    except ConnectionError as error:
+        raise InputError(options.join.partition("#")[0], str(error)) from error
+    from synchronizar.reporting.tables import answer_table
+
+    print_result(json.dumps(answer, allow_nan=False) if options.json else answer_table(answer))
+
+
+@contextmanager
+def _extra(name: str) -> Iterator[None]:
+    """What only some commands need comes with an extra."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(error.name or name, f"is not installed: pip install 'synchronizar[{name}]'") from error
+
+
 COMMANDS: dict[str, Command] = {
     "register": _register,
     "replay": _replay,
@@ -198,4 +262,7 @@ COMMANDS: dict[str, Command] = {
     "check": _check,
     "simulate": _simulate,
     "plot": _plot,
+    "convert": _convert,
+    "serve": _serve,
+    "play": _play,
 }

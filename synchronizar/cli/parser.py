@@ -119,11 +119,67 @@ def parser_of(commands_by_name: Mapping[str, Command]) -> argparse.ArgumentParse
     _add_scene_options(simulate)
     simulate.set_defaults(command=commands_by_name["simulate"])
 
+    convert = commands.add_parser(
+        "convert",
+        help="write a recording, and an answer about it, in another format",
+        epilog=_example("convert walk/ walk.mcap --answer answer/"),
+    )
+    convert.add_argument("source", metavar="SOURCE", type=Path, help="a recording")
+    convert.add_argument("out", metavar="OUT", type=Path, help="the file to write: walk.mcap")
+    convert.add_argument("--to", choices=["mcap"], help="its format [what its name ends with]")
+    convert.add_argument("--answer", metavar="DIR", type=Path, help="what register or replay wrote about it")
+    convert.set_defaults(command=commands_by_name["convert"])
+
     plot = commands.add_parser("plot", help="draw what register wrote", epilog=_example("plot walk/ answer/"))
     plot.add_argument("recording", metavar="RECORDING", type=Path)
     plot.add_argument("out", metavar="DIR", type=Path)
     plot.set_defaults(command=commands_by_name["plot"])
+    _add_live_commands(commands, commands_by_name)
     return parser
+
+
+def _add_live_commands(commands: Any, commands_by_name: Mapping[str, Command]) -> None:
+    serve = commands.add_parser("serve", help="open a room that devices join", epilog=_example("serve --record rooms/"))
+    serve.add_argument("--host", metavar="ADDRESS", help="listen at this address alone [all of this machine's]")
+    serve.add_argument("--port", type=_port, default=47180, metavar="N", help="TCP port; 0: any that is free [47180]")
+    serve.add_argument("--udp-port", type=_port, default=47190, metavar="N", help="port for modules' ranges [47190]")
+    serve.add_argument("--record", type=Path, metavar="DIR", help="write each room into a folder here as it goes")
+    serve.add_argument("--resume", action="store_true", help="go on with the rooms that were recorded in DIR")
+    serve.add_argument("--certificate", type=Path, metavar="PEM", help="certificate and key [self-signed, made once]")
+    serve.add_argument(
+        "--public-url", metavar="URL", help="under which others reach it, behind a proxy [its own address]"
+    )
+    serve.add_argument("--no-tls", action="store_true", help="plain http; with --host 127.0.0.1 alone")
+    serve.add_argument(
+        "--allow-version-1", action="store_true", help="take modules that all sign with the room's own key"
+    )
+    serve.add_argument("--json", action="store_true", help="print one line of JSON once it listens")
+    serve.set_defaults(command=commands_by_name["serve"])
+
+    play = commands.add_parser(
+        "play",
+        help="let a recording's devices join a room as if they were there",
+        epilog=_example("play walk/ https://192.168.1.5:47180/#ABCD2345 --speed 4"),
+    )
+    play.add_argument("recording", metavar="RECORDING", type=Path)
+    play.add_argument("join", metavar="JOIN", help="the address by which phones join, as serve prints it")
+    play.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="times the speed of the recording [1]")
+    play.add_argument("--json", action="store_true", help="print registration.json instead of a table")
+    play.set_defaults(command=commands_by_name["play"])
+
+
+def _port(text: str) -> int:
+    port = int(text)
+    if not 0 <= port <= 65535:
+        raise argparse.ArgumentTypeError(f"{port} is no port: 0 to 65535")
+    return port
+
+
+def _speed(text: str) -> float:
+    speed = float(text)
+    if not speed > 0.0:
+        raise argparse.ArgumentTypeError("a speed is a number above 0")
+    return speed
 
 
 def _add_scene_options(parser: argparse.ArgumentParser) -> None:

@@ -142,6 +142,11 @@ class RoomKeys:
         raise WireError("version")
 
 
+def session_of(datagram: bytes) -> int | None:
+    """The session that bytes say they are of, before anything is checked; None where they are too short to say."""
+    return int.from_bytes(datagram[8:12], "little") if len(datagram) >= _ORDER.size else None
+
+
 def encode_ranges(datagram: RangesDatagram, key: bytes) -> bytes:
     """Bytes of the datagram with the tag of the reporter's key. Raises WireError where a value is out of its bounds."""
     _check_numbers(

@@ -41,11 +41,14 @@ STAMPS_AGREE_S = 1e-6
 """Tracks are written to a nanosecond; a number of seconds since 1970 is not finer than 0.2 microseconds."""
 
 
-def read_registration(folder: Path, recording: Recording) -> tuple[Registration, dict[str, Track]]:
+def read_registration(
+    folder: Path, recording: Recording, causal: bool = False
+) -> tuple[Registration, dict[str, Track]]:
     """The registration of a recording that `register --out` wrote, and the tracks beside it.
 
     Tracks are those of every user that has a placement, in the common frame, at its own stamps; a static radio's has
-    one pose. Raises InputError where a file cannot be read, is broken, or is about another recording.
+    one pose. `causal`: `replay --out` wrote it, whose tracks are of those poses at whose moments their users were
+    registered. Raises InputError where a file cannot be read, is broken, or is about another recording.
     """
     file = folder / "registration.json"
     with os_faults(file):
@@ -63,9 +66,9 @@ def read_registration(folder: Path, recording: Recording) -> tuple[Registration,
     except MALFORMED as error:
         raise InputError(file, "is no registration") from error
     tracks = {
-        name: _read_track(folder / f"{name}.tum", recording.tracks.get(name))
+        name: _read_track(folder / f"{name}.tum", None if causal else recording.tracks.get(name), causal)
         for name, user in registration.users.items()
-        if user.common_from_user is not None
+        if user.common_from_user is not None and not (causal and not (folder / f"{name}.tum").exists())
     }
     return registration, tracks
 
@@ -81,9 +84,11 @@ def read_reference(file: Path) -> str | None:
     return None if reference is None else str(reference)
 
 
-def _read_track(file: Path, slam: Track | None) -> Track:
+def _read_track(file: Path, slam: Track | None, any_stamps: bool) -> Track:
     """The track in a file; its stamps must be those of SLAM's own track, or 0 for a static radio."""
     track = read_tum(file)
+    if any_stamps:
+        return track
     t = np.zeros(1) if slam is None else slam.t
     if len(track) != len(t) or np.abs(track.t - t).max() > STAMPS_AGREE_S:
         raise InputError(file, "is about another recording: its stamps are not those of the user's own track")

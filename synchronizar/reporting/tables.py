@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import degrees
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +26,18 @@ def registration_table(registration: Registration) -> str:
     lines.append(f"ranges: {counts}; {sum(registration.seconds.values()):.2f} s")
     findings = ["", *map(str, registration.findings)] if registration.findings else []
     return "\n".join([*lines, *findings])
+
+
+def answer_table(answer: Mapping[str, Any]) -> str:
+    """A row for each user of a room's answer, a registration.json object: frame (m, degrees), state and reason."""
+    rows = [("user", "state", "x (m)", "y (m)", "z (m)", "yaw (°)", "")]
+    for name, user in answer.get("users", {}).items():
+        place = (*(user[key] for key in ("x", "y", "z")), None if user["yaw"] is None else degrees(user["yaw"]))
+        cells = [_optional_cell(x, form) for x, form in zip(place, ("+.2f", "+.2f", "+.2f", "+.1f"), strict=True)]
+        why = _REFERENCE if name == answer.get("reference") else user["reason"]
+        rows.append((name, user["state"], cells[0], cells[1], cells[2], cells[3], why))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return "\n".join("  ".join([*_aligned(row[:-1], widths), row[-1]]).rstrip() for row in rows)
 
 
 def _table_row(registration: Registration, user: UserRegistration) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.state_file import load, save
-from synchronizar.estimation.incremental.told import registration_now
+from synchronizar.estimation.incremental.told import NewestRange, newest_ranges, registration_now
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.parameters import Parameters
 
@@ -188,6 +188,11 @@ class Estimator:
         self._told = self.refused.copy()
         return [*events, *(f"{what}: refused, {count} time{'s' * (count > 1)}" for what, count in sorted(news.items()))]
 
+    def complete(self, t: float) -> list[str]:
+        """As `advance`, where nothing more will come: searches once more in all that has come."""
+        events = self.advance(t)
+        return [*events, *(self._engine.complete(float(t)) if self._engine is not None else [])]
+
     def registration(self) -> Registration:
         """What is known now, as `register` tells it: frames at each user's last pose, states, progress and cues.
 
@@ -198,6 +203,10 @@ class Estimator:
             return registration_now(self._engine)
         nothing = {user.name: _disconnected(user, _NOBODY_MOVED) for user in self.users}
         return Registration(None, "full", "joint", nothing, (), _no_ranges(), _no_seconds())
+
+    def newest_ranges(self) -> tuple[NewestRange, ...]:
+        """The newest range of each pair in the recent past, with its residual where it was compared."""
+        return () if self._engine is None else newest_ranges(self._engine)
 
     def close(self) -> None:
         """End the process that searches; the next search would begin another one."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from synchronizar.arrays import Array
@@ -41,6 +43,10 @@ def user_now(engine: Engine, u: int) -> UserRegistration:
         return _disconnected(user, NOTHING_SOLVED)
     state, reason = engine.state(u), engine.reason(u)
     placed = standing.placed
+    if placed is None and u == engine.reference and state is State.REGISTERED:
+        # Nobody is followed beside it yet: its own frame is the common one.
+        frame_now, sure = _frame(user, np.zeros(4), 1.0), np.zeros((4, 4))
+        return UserRegistration(user.name, state, reason, frame_now, sure, progress=1.0, jumps=engine.jumps(u))
     if placed is None or state is State.DISCONNECTED:
         unplaced = State.DISCONNECTED if state is State.DISCONNECTED else state
         return UserRegistration(
@@ -97,6 +103,45 @@ def _about_origin(engine: Engine, u: int, placed: Placed) -> tuple[Array, Array,
 def _frame(user: User, frame: Array, scale: float) -> YawFrame:
     x, y, z, yaw = frame.tolist()
     return YawFrame(x, y, z, yaw, scale, "z" if user.static else user.up)
+
+
+class NewestRange(NamedTuple):
+    """The newest range of a pair of users."""
+
+    t: float
+    """s, range clock."""
+    a: str
+    b: str
+    distance: float
+    """m."""
+    residual: float | None
+    """m, measured minus predicted; None where it is not compared yet."""
+    used: bool
+    """Whether it is taken for an honest measurement."""
+
+
+def newest_ranges(engine: Engine) -> tuple[NewestRange, ...]:
+    """The newest range of each pair in the recent past."""
+    rows = engine.log.rows
+    if not len(rows):
+        return ()
+    a, b = engine.log.users(rows)
+    pair = np.minimum(a, b) * len(engine.users) + np.maximum(a, b)
+    newest = np.lexsort((rows[:, 0], pair))
+    newest = newest[np.append(pair[newest][1:] != pair[newest][:-1], True)]
+    usable, inlier, _, residual = engine.range_verdicts(rows[newest, -1].astype(np.int32))
+    return tuple(
+        NewestRange(t, engine.users[i].name, engine.users[j].name, d, None if np.isnan(r) else r, used)
+        for t, i, j, d, r, used in zip(
+            rows[newest, 0].tolist(),
+            a[newest].tolist(),
+            b[newest].tolist(),
+            rows[newest, 3].tolist(),
+            residual.tolist(),
+            (usable & (inlier > 0.5)).tolist(),
+            strict=True,
+        )
+    )
 
 
 def range_verdicts(engine: Engine) -> RangeVerdicts:

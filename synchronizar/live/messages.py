@@ -1,0 +1,525 @@
+"""What a room and its clients say to each other: the one table of messages. `docs/protocol.md` is made from it.
+
+Control messages are JSON objects, a `type` each, in text frames. Poses are many and small: they go as bytes
+(`pose_wire`). Lengths m, angles rad, times s. Positions of a device are in the axes of its own SLAM, y up where it said
+so; the common frame is z up.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, TypeVar
+
+import msgspec
+
+PROTOCOL = 1
+"""Version of all of this; a client that speaks another is refused with both numbers."""
+LONGEST_NAME = 64
+MOST_USERS = 64
+"""Users that one connection may host."""
+MOST_RANGES = 512
+"""Ranges in one message."""
+LARGEST_MESSAGE = 64 * 1024
+"""Bytes of one message, text or binary."""
+LARGEST_DATA = 8 * 1024
+"""Bytes of an object's or a said message's `data`, as JSON."""
+
+_T = TypeVar("_T")
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class MessageError(ValueError):
+    """A message that is refused. `reason` is a word that is counted, the text one sentence."""
+
+    def __init__(self, reason: str, text: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class _Message(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    pass
+
+
+class UserSettings(_Message):
+    """A device, as in recording.toml."""
+
+    name: str
+    """At most 64 characters of a file's name; nobody else in the room has it."""
+    up: Literal["y", "z"] = "z"
+    """Which of its axes points up: "y" for WebXR, ARKit, ARCore, Unity (mirrored), "z" for ROS."""
+    static: bool = False
+    """A radio that stands still and sends no poses."""
+    height_sigma: float | None = None
+    """m, 1 sigma: how far its origin may lie above or below the others'."""
+    antennas: dict[str, Vector] = {}
+    """Lever arm of each antenna in body axes; none: one antenna at the origin."""
+
+
+class Join(_Message):
+    """Body of `POST /api/join`: what a client asks for, with the room's code, before it opens a connection."""
+
+    room: str
+    """The room's code."""
+    users: list[UserSettings] = []
+    """The devices that the connection speaks for: one for a phone, several for a gateway, none for who only looks."""
+    time: Literal["live", "recorded"] = "live"
+    """`recorded`: stamps are those of a recording, and the room's time is what this client's `clock` says."""
+    resume: str | None = None
+    """The `resume` of an earlier answer, to be the same devices again after a reload or another network."""
+
+
+class Joined(_Message):
+    """Answer to `POST /api/join`."""
+
+    token: str
+    """To be said in `hello` within `expires` seconds, once. Never in an address."""
+    expires: float
+    resume: str
+    """To join again as the same devices."""
+    room: str
+    users: list[str]
+    webtransport_port: int | None = None
+    """UDP port for WebTransport at `/live`; null where the server has none, and a WebSocket is the way."""
+    webtransport_sha256: str | None = None
+    """Hash of the certificate there, in hex: what a browser takes as `serverCertificateHashes`."""
+
+
+# From a client to the room.
+
+
+class Hello(_Message, tag="hello"):
+    """The first message on a connection; nothing else is heard before it."""
+
+    token: str
+    protocol: int = PROTOCOL
+
+
+class Ping(_Message, tag="ping"):
+    """Compares clocks: answered by `pong` at once. A device says it four times at first, then every 2 s."""
+
+    t: float
+    """By the device's own clock, the one that stamps its poses."""
+    offset: float | None = None
+    """What the device has worked out from the pongs so far: room's clock minus its own; None at first."""
+    round_trip: float | None = None
+    """s of the quickest recent ping and pong."""
+
+
+class MeasuredRange(_Message):
+    """A distance between two devices; one of them is the sender's. Columns as in ranges.csv."""
+
+    t: float
+    """By the clock that stamps the sender's poses."""
+    a: str
+    b: str
+    distance: float
+    sigma: float | None = None
+    antenna_a: str | None = None
+    antenna_b: str | None = None
+    rx_power: float | None = None
+    fp_power: float | None = None
+    nlos: bool | None = None
+    source: str | None = None
+
+
+class Ranges(_Message, tag="ranges"):
+    """Distances that the sender's devices measured."""
+
+    ranges: list[MeasuredRange]
+
+
+class Reset(_Message, tag="reset"):
+    """A device's SLAM began anew, in another frame: it is looked for anew, and poses of the old frame are left out."""
+
+    user: str
+    frame: int
+    """Number of the new frame, which its poses carry from now on: 0 at first, one more with each reset, modulo 256."""
+
+
+class Lost(_Message, tag="lost"):
+    """A device's SLAM lost track; it may find itself again."""
+
+    user: str
+
+
+class Module(_Message, tag="module"):
+    """A device's module will send ranges by UDP: asks for its key. Answered by `module_key`."""
+
+    user: str
+    address: int
+    """0 to 65533."""
+
+
+class Clock(_Message, tag="clock"):
+    """Recorded time only: all poses and ranges before `t` have been sent; the room goes on to it."""
+
+    t: float
+
+
+class Finish(_Message, tag="finish"):
+    """Recorded time only: all has been sent, up to `t`. Answered by `answer` when all of it is solved."""
+
+    t: float
+
+
+class Create(_Message, tag="create"):
+    """Puts an object into the room. It belongs to the room and stays when its creator leaves."""
+
+    id: str
+    """Chosen by the client; another object with that id is refused."""
+    kind: str
+    position: Vector
+    quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    user: str | None = None
+    """None: the place is in the common frame. A device: in that device's own frame and axes; the object waits until the
+    device is registered, and then stands where that is in the common frame."""
+    data: Any = None
+    """Whatever the application wants to keep with it."""
+    hold: bool = False
+    """Whether its creator holds it from the start."""
+
+
+class Grab(_Message, tag="grab"):
+    """Asks for an object; who holds it may move it. Refused where somebody else does."""
+
+    id: str
+
+
+class Move(_Message, tag="move"):
+    """Moves an object that the sender holds, or changes its data. Only the latest counts."""
+
+    id: str
+    position: Vector | None = None
+    quat_xyzw: Quaternion | None = None
+    velocity: Vector | None = None
+    """m/s, common frame: what it goes on with until the next word."""
+    data: Any = msgspec.UNSET
+
+
+class Release(_Message, tag="release"):
+    """Lets go of an object."""
+
+    id: str
+
+
+class Remove(_Message, tag="remove"):
+    """Takes an object out of the room. Refused where somebody else holds it."""
+
+    id: str
+
+
+class Heartbeat(_Message, tag="heartbeat"):
+    """The sender is still there, and keeps what it holds: every 2 s where nothing else is said."""
+
+
+class Say(_Message, tag="say"):
+    """A word of an application, handed on to one client or to all; the room does not look into it."""
+
+    topic: str
+    data: Any = None
+    to: str | None = None
+    """A user's name; None: everybody else."""
+
+
+class Signal(_Message, tag="signal"):
+    """WebRTC signalling, handed on: an offer, an answer or a candidate."""
+
+    to: str
+    """A user's name, or `room` for the room itself."""
+    data: dict[str, Any]
+
+
+class Leave(_Message, tag="leave"):
+    """The sender goes, and does not come back as the same devices."""
+
+
+FromClient = (
+    Hello
+    | Ping
+    | Ranges
+    | Reset
+    | Lost
+    | Module
+    | Clock
+    | Finish
+    | Create
+    | Grab
+    | Move
+    | Release
+    | Remove
+    | Heartbeat
+    | Say
+    | Signal
+    | Leave
+)
+
+# From the room to a client.
+
+
+class Member(_Message):
+    """A device in the room."""
+
+    name: str
+    index: int
+    """Its number in poses sent by the room; kept for as long as the room stands."""
+    here: bool = True
+    """Whether its connection is up."""
+    static: bool = False
+    up: Literal["y", "z"] = "z"
+    frame: int = 0
+    """Number of its SLAM frame."""
+
+
+class UserFrame(_Message, omit_defaults=False):
+    """Where a device's frame lies in the common one, as in registration.json, with what it should do."""
+
+    state: Literal["registered", "ambiguous", "unobservable", "disconnected"]
+    reason: str
+    frame: int
+    """Number of the SLAM frame that all this is about."""
+    matrix: list[list[float]] | None
+    """4x4, row by row: the axes of the device's own SLAM, scale included, to the common frame, z up; null: none yet."""
+    x: float | None
+    y: float | None
+    z: float | None
+    yaw: float | None
+    scale: float
+    covariance: list[list[float | None]] | None
+    """4x4 over x, y, z, yaw."""
+    sigma: float | None
+    """m, 1 sigma in the plane: the longer half-axis of the ellipse."""
+    clock_offset: float | None
+    progress: float | None
+    cue: str | None
+
+
+class Frames(_Message, tag="frames"):
+    """Everybody's frame: when something changed, and twice a second."""
+
+    version: int
+    """Rises with each change."""
+    t: float
+    """By the room's clock."""
+    reference: str | None
+    users: dict[str, UserFrame]
+
+
+class Object(_Message):
+    """An object as it stands; the common frame never moves under it."""
+
+    id: str
+    kind: str
+    position: Vector
+    quat_xyzw: Quaternion
+    by: str
+    """Who created it."""
+    holder: str | None = None
+    velocity: Vector | None = None
+    t: float = 0.0
+    """By the room's clock: when it was there."""
+    data: Any = None
+    waits_for: str | None = None
+    """The device whose frame its place is in, until that is registered."""
+
+
+class Objects(_Message, tag="objects"):
+    """Objects that were changed or removed, in the order in which the room took it."""
+
+    version: int
+    changed: list[Object] = []
+    removed: list[str] = []
+
+
+class Members(_Message, tag="members"):
+    """All devices of the room, whenever one comes, goes or begins a new frame."""
+
+    members: list[Member]
+
+
+class Welcome(_Message, tag="welcome"):
+    """The answer to `hello`: everything as it is now."""
+
+    room: str
+    you: list[str]
+    """Names of the devices that this connection speaks for; the poses that it sends name them by their index here."""
+    protocol: int
+    t: float
+    members: list[Member]
+    frames: Frames
+    objects: Objects
+    udp_port: int | None = None
+    app: str | None = None
+    """The application that the room was started with."""
+
+
+class Pong(_Message, tag="pong"):
+    """The answer to `ping`."""
+
+    t: float
+    """What the ping said."""
+    room_t: float
+    """The room's clock when it came in."""
+
+
+class ModuleKey(_Message, tag="module_key"):
+    """What a module is provisioned with: it can speak for this address in this room and for nobody else."""
+
+    user: str
+    address: int
+    session: int
+    key: str
+    """32 bytes in hex."""
+    udp_port: int | None
+
+
+class Events(_Message, tag="events"):
+    """What happened, a sentence each."""
+
+    t: float
+    events: list[str]
+
+
+class PairRange(_Message, omit_defaults=False):
+    """The newest range of a pair."""
+
+    a: str
+    b: str
+    distance: float
+    residual: float | None
+    """m, measured minus predicted; None where the solver has not used it."""
+    used: bool
+    age: float
+    """s."""
+
+
+class Health(_Message, omit_defaults=False):
+    """How a device and its links are."""
+
+    poses_hz: float
+    ranges_hz: float
+    latency_ms: float | None
+    """Half a round trip of its pings."""
+    asleep: bool
+    """Whether its module was told to sleep."""
+    refused: dict[str, int]
+    """How many of its words were refused, by reason."""
+
+
+class Status(_Message, tag="status"):
+    """How the room is, once a second."""
+
+    t: float
+    users: dict[str, Health]
+    pairs: list[PairRange]
+    refused: dict[str, int]
+    """Of datagrams and connections that could not be told to be anybody's, by reason."""
+    behind: float
+    """s: how far the solver is behind the room's clock."""
+
+
+class Said(_Message, tag="said"):
+    """What somebody said."""
+
+    topic: str
+    data: Any
+    by: str
+
+
+class Signalled(_Message, tag="signalled"):
+    """WebRTC signalling from somebody."""
+
+    by: str
+    data: dict[str, Any]
+
+
+class Refused(_Message, tag="refused"):
+    """Something that this client sent was refused; told once for each reason, and again when it goes on."""
+
+    reason: str
+    what: str
+    """One sentence with a way on."""
+    count: int = 1
+
+
+class Answer(_Message, tag="answer"):
+    """The answer to `finish`: registration.json."""
+
+    registration: dict[str, Any]
+
+
+class Bye(_Message, tag="bye"):
+    """The last message: why the room ends the connection."""
+
+    reason: str
+    what: str
+
+
+FromRoom = (
+    Welcome
+    | Pong
+    | Members
+    | Frames
+    | Objects
+    | Events
+    | Status
+    | ModuleKey
+    | Said
+    | Signalled
+    | Refused
+    | Answer
+    | Bye
+)
+
+_encoder = msgspec.json.Encoder()
+_from_client: msgspec.json.Decoder[FromClient] = msgspec.json.Decoder(FromClient)
+_from_room: msgspec.json.Decoder[FromRoom] = msgspec.json.Decoder(FromRoom)
+_join = msgspec.json.Decoder(Join)
+_joined = msgspec.json.Decoder(Joined)
+
+
+def encode(message: msgspec.Struct) -> bytes:
+    """JSON of a message. Numbers have to be finite: JSON has no others."""
+    return _encoder.encode(message)
+
+
+def decode_from_client(data: bytes | str) -> FromClient:
+    """What a client says. Raises MessageError for anything else."""
+    return _checked(_from_client, data)
+
+
+def decode_from_room(data: bytes | str) -> FromRoom:
+    """What a room says. Raises MessageError for anything else."""
+    return _checked(_from_room, data)
+
+
+def decode_join(data: bytes) -> Join:
+    """What somebody who joins asks for. Raises MessageError for anything else."""
+    return _checked(_join, data)
+
+
+def decode_joined(data: bytes) -> Joined:
+    """What a room answers who joins. Raises MessageError for anything else."""
+    return _checked(_joined, data)
+
+
+def _checked(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
+    """JSON refuses NaN and infinities by itself; numbers beyond a double's are infinite and refused as well."""
+    if len(data) > LARGEST_MESSAGE:
+        raise MessageError("size", f"a message has at most {LARGEST_MESSAGE} bytes")
+    try:
+        return decoder.decode(data)
+    except msgspec.ValidationError as error:
+        raise MessageError("message", str(error)) from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise MessageError("malformed", f"not a JSON object of the protocol: {error}") from None
+
+
+def data_too_large(data: Any) -> bool:
+    """Whether an application's data has more than LARGEST_DATA bytes as JSON."""
+    return len(_encoder.encode(data)) > LARGEST_DATA
+
+
+def all_finite(*numbers: float) -> bool:
+    """Whether all are finite."""
+    return all(map(math.isfinite, numbers))

@@ -1,0 +1,657 @@
+"""A room: who is in it, what they say, what everybody is told. No wall time, no network: both come from outside."""
+
+from __future__ import annotations
+
+import secrets
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from hashlib import blake2s, sha256
+from typing import Any, Protocol
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.geometry import YawFrame
+from synchronizar.io.datagrams import RangesDatagram, RoomKeys
+from synchronizar.io.receiver import Receiver
+from synchronizar.io.text import is_name
+from synchronizar.live import messages as m
+from synchronizar.live.device_clock import DeviceClock
+from synchronizar.live.messages import MessageError
+from synchronizar.live.module_ranges import measured_ranges
+from synchronizar.live.objects import ObjectStore
+from synchronizar.live.outbox import Outbox
+from synchronizar.live.pose_wire import PoseDown, PosesDown, decode_poses_up, encode_poses_down
+from synchronizar.live.roster import KnownDevice, Roster
+from synchronizar.live.solver import Solver
+from synchronizar.live.solver_wire import AddUser, Lost, NewestRange, NewFrame, Pose, Range, Told
+from synchronizar.quaternions import multiply_quaternions, yaw_quaternion
+
+UPDATES_A_SECOND = 10
+FRAMES_AT_LEAST_EVERY = 0.5
+"""s between frames that are told though nothing has changed."""
+STATUS_EVERY = 1.0
+FROM_THE_FUTURE = 0.5
+"""s: a stamp further ahead of the room's clock is refused."""
+TOO_OLD = 10.0
+"""s: a pose or range that is older is refused."""
+AWAY_AFTER = 300.0
+"""s: who has been away for so long is left out of what is told."""
+MOST_DEVICES = 64
+_CHANGED_M, _CHANGED_RAD = 1e-3, 2e-4
+_LAST_ADDRESS = 0xFFFD
+
+
+class Recorder(Protocol):
+    """What writes a room down as it goes."""
+
+    def user(self, settings: m.UserSettings, session: int) -> None:
+        """Somebody comes, or has a new frame."""
+
+    def pose(self, user: str, frame: int, t: float, position: m.Vector, quat_xyzw: m.Quaternion) -> None:
+        """A pose that the solver is given."""
+
+    def range(
+        self, t: float, a: str, b: str, frames: tuple[int, int], distance: float, optional: dict[str, Any]
+    ) -> None:
+        """A range that the solver is given."""
+
+
+@dataclass
+class Device:
+    """A device of the room, here or away."""
+
+    settings: m.UserSettings
+    index: int
+    owner: str
+    """Hash of the secret by which its connection is known when it comes again."""
+    frame: int = 0
+    session: int = 0
+    """How often its SLAM began anew."""
+    client: Client | None = None
+    clock: DeviceClock = field(default_factory=DeviceClock)
+    pose: tuple[float, m.Vector, m.Quaternion] | None = None
+    """Its newest pose by the room's clock, in its own axes."""
+    poses: deque[float] = field(default_factory=lambda: deque(maxlen=128))
+    ranges: deque[float] = field(default_factory=lambda: deque(maxlen=1024))
+    round_trip: float | None = None
+    refused: Counter[str] = field(default_factory=Counter)
+    left_at: float | None = None
+    asleep: bool = False
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.settings.name
+
+    def member(self) -> m.Member:
+        """As others are told of it."""
+        here = self.client is not None
+        return m.Member(self.name, self.index, here, self.settings.static, self.settings.up, self.frame)
+
+
+@dataclass(eq=False)
+class Client:
+    """A connection and the devices that it speaks for."""
+
+    devices: list[Device]
+    recorded: bool
+    outbox: Outbox = field(default_factory=Outbox)
+    told: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def name(self) -> str:
+        """In whose name it holds objects and speaks."""
+        return self.devices[0].name if self.devices else ""
+
+
+@dataclass
+class Ticket:
+    """What a join has bought."""
+
+    users: list[str]
+    recorded: bool
+
+
+class Room:
+    """One room; everything in it happens in the order in which its methods are called."""
+
+    def __init__(
+        self,
+        code: str,
+        now: Callable[[], float],
+        key: bytes | None = None,
+        recorder: Recorder | None = None,
+        udp_port: int | None = None,
+        app: str | None = None,
+        allow_version_1: bool = False,
+        saved: Callable[[m.Object | str], None] | None = None,
+    ) -> None:
+        """`now`: the room's clock (s). `key`: 32 bytes from which modules' keys are derived.
+
+        `allow_version_1`: whether modules may all sign with the room's own key. `saved` hears each object that changes,
+        and the id of each one that is gone.
+        """
+        self.code, self.now, self.udp_port, self.app = code, now, udp_port, app
+        self.key = key or secrets.token_bytes(32)
+        self.radio_session = int.from_bytes(blake2s(self.key, digest_size=4, person=b"session").digest(), "little")
+        self.keys = RoomKeys(self.radio_session, self.key, allow_version_1)
+        self.receiver = Receiver(self.keys)
+        self.devices: dict[str, Device] = {}
+        self.clients: set[Client] = set()
+        self.modules: dict[int, str] = {}
+        """Whose module has which address."""
+        self.roster_version = 0
+        """Rises when `roster` is another one."""
+        self.refused: Counter[str] = Counter()
+        """Of what could not be told to be anybody's."""
+        self.recorded: bool | None = None
+        """Whether time is a recording's; None until a device comes."""
+        self.recorded_t: float | None = None
+        self.objects = ObjectStore(saved)
+        self.frames = m.Frames(0, now(), None, {})
+        self.solver: Solver | None = None
+        self.begun: Callable[[bool], None] | None = None
+        """Hears whether time is a recording's, when the first device comes."""
+        self._recorder = recorder
+        self._ranges: list[NewestRange] = []
+        self._told_at = self._frames_at = self._status_at = self._asked_at = -np.inf
+        self._empty_since = now()
+        self._sequence = 0
+        self._finishing: list[Client] = []
+
+    def roster(self) -> Roster:
+        """What has to be remembered to open it again."""
+        devices = [KnownDevice(d.settings, d.owner, d.frame, d.session) for d in self.devices.values()]
+        return Roster(self.code, self.key.hex(), devices, dict(self.modules))
+
+    def restore(self, roster: Roster) -> None:
+        """Its devices as they were; all of them are away."""
+        for known in roster.devices:
+            device = Device(known.settings, len(self.devices), known.owner, known.frame, known.session)
+            device.left_at = self.now()
+            self.devices[device.name] = device
+            if self._recorder is not None:
+                for session in range(known.session + 1):
+                    self._recorder.user(known.settings, session)
+        self.modules = dict(roster.modules)
+
+    # Coming and going
+
+    def admit(self, join: m.Join) -> tuple[Ticket, str]:
+        """Who may come in as whom, and the secret to come again. Raises MessageError with a way on."""
+        recorded = join.time == "recorded"
+        if join.users and self.recorded not in (None, recorded):
+            kind = "a recording" if self.recorded else "people who walk now"
+            raise MessageError("time", f"this room plays {kind}: open another room")
+        secret = join.resume or secrets.token_urlsafe(24)
+        owner = sha256(secret.encode()).hexdigest()
+        names = [user.name for user in join.users]
+        if len(set(names)) != len(names):
+            raise MessageError("name", "two devices of one connection have the same name")
+        for user in join.users:
+            self._check_settings(user, owner)
+        if len(self.devices.keys() | set(names)) > MOST_DEVICES:
+            raise MessageError("full", f"the room has its {MOST_DEVICES} devices: open another room")
+        if join.users and self.recorded is None:
+            self.recorded = recorded
+            if self.begun is not None:
+                self.begun(recorded)
+        for user in join.users:
+            if user.name not in self.devices:
+                self.devices[user.name] = Device(user, len(self.devices), owner)
+                self._feed_user(self.devices[user.name])
+        return Ticket(names, recorded), secret
+
+    def connect(self, ticket: Ticket) -> Client:
+        """Its connection stands: it is told everything as it is now."""
+        devices = [self.devices[name] for name in ticket.users]
+        client = Client(devices, ticket.recorded)
+        for device in devices:
+            if (earlier := device.client) is not None:
+                self.disconnect(earlier)
+                earlier.outbox.put(m.encode(m.Bye("elsewhere", "the same device has joined from somewhere else")))
+                earlier.outbox.close()
+            device.client, device.left_at = client, None
+        self.clients.add(client)
+        you = [device.name for device in devices]
+        welcome = m.Welcome(
+            *(self.code, you, m.PROTOCOL, self.time(), self._members(), self.frames, self.objects.snapshot()),
+            udp_port=self.udp_port,
+            app=self.app,
+        )
+        client.outbox.put(m.encode(welcome))
+        if devices:
+            self._tell_members()
+        return client
+
+    def disconnect(self, client: Client) -> None:
+        """Its connection is gone; its devices may come again."""
+        self.clients.discard(client)
+        if not self.clients:
+            self._empty_since = self.now()
+        gone = [device for device in client.devices if device.client is client]
+        for device in gone:
+            device.client, device.left_at = None, self.time()
+        if gone:
+            self._tell_members()
+
+    def idle_for(self) -> float:
+        """How long (s) nobody has been here."""
+        return 0.0 if self.clients else self.now() - self._empty_since
+
+    # What comes
+
+    def time(self) -> float:
+        """The room's time: its clock's, or a recording's."""
+        return self.recorded_t if self.recorded and self.recorded_t is not None else self.now()
+
+    def hear(self, client: Client, message: m.FromClient) -> None:
+        """What a client says. A word that is refused is told to it."""
+        try:
+            self._hear(client, message)
+        except MessageError as error:
+            self.refuse(client, error)
+        if client.devices:
+            self.objects.alive(client.name, self.time())
+
+    def hear_poses(self, client: Client, data: bytes) -> None:
+        """Poses that a client sends."""
+        try:
+            poses = decode_poses_up(data)
+        except MessageError as error:
+            return self.refuse(client, error)
+        arrived = self.now()
+        for pose in poses:
+            try:
+                if pose.user >= len(client.devices):
+                    raise MessageError("user", f"this connection speaks for {len(client.devices)} devices")
+                self._take_pose(client, client.devices[pose.user], pose, arrived)
+            except MessageError as error:
+                self.refuse(client, error)
+        return None
+
+    def hear_datagram(self, data: bytes, arrived: float) -> RangesDatagram | None:
+        """A datagram of a module that arrived at `arrived` (s, room's clock); None where it is refused."""
+        taken = self.receiver.take(data, arrived)
+        if taken is None:
+            return None
+        for stamped in taken.stamped:
+            for measured in measured_ranges(stamped):
+                a, b = self.modules.get(measured.reporter), self.modules.get(measured.peer)
+                if a is None or b is None:
+                    self.refused["peer"] += 1
+                else:
+                    self._take_range(measured.t, a, b, measured.distance, self._with_antennas(a, b, measured.optional))
+        return taken.datagram
+
+    def orders_for(self, heard: RangesDatagram, now: float) -> list[bytes]:  # noqa: ARG002
+        """What a module is told in answer to a datagram."""
+        return []
+
+    def refuse(self, client: Client, error: MessageError) -> None:
+        """Count it, and tell the client when it is news."""
+        client.told[error.reason] += 1
+        for device in client.devices:
+            device.refused[error.reason] += 1
+        if not client.devices:
+            self.refused[error.reason] += 1
+        count = client.told[error.reason]
+        if count in (1, 10, 100) or count % 1000 == 0:
+            client.outbox.put(m.encode(m.Refused(error.reason, str(error), count)))
+
+    def told(self, told: Told) -> None:
+        """What the solver knows."""
+        self._told_at = told.t
+        self._ranges = told.ranges
+        if told.events:
+            self._broadcast(m.Events(told.t, told.events))
+        changed = _differ(self.frames, told)
+        version = self.frames.version + changed
+        self.frames = m.Frames(version, told.t, told.reference, told.users)
+        if changed or told.t - self._frames_at >= FRAMES_AT_LEAST_EVERY or told.t < self._frames_at:
+            self._frames_at = told.t
+            self._broadcast_latest("frames", m.encode(self.frames))
+        self.objects.place_waiting(self._in_common, self.time())
+
+    def finished(self, registration: dict[str, Any]) -> None:
+        """The answer that somebody asked for."""
+        waiting, self._finishing = self._finishing, []
+        for client in waiting:
+            client.outbox.put(m.encode(m.Answer(registration)))
+
+    async def drained(self) -> None:
+        """Until the solver has nearly caught up: for a recording that comes faster than anybody walks."""
+        if self.solver is not None:
+            await self.solver.drained()
+
+    def event(self, sentence: str) -> None:
+        """Tell everybody."""
+        self._broadcast(m.Events(self.time(), [sentence]))
+
+    def tick(self) -> None:
+        """About thirty times a second: poses, objects, ten times a second the solver, once how the room is."""
+        t = self.time()
+        if self.solver is not None and not self.recorded and t - self._asked_at >= 0.999 / UPDATES_A_SECOND:
+            self._asked_at = t
+            self.solver.advance(t)
+        self.objects.expire(t)
+        if (changes := self.objects.changes()) is not None:
+            self._broadcast(changes)
+        if self.clients:
+            self._sequence += 1
+            poses = encode_poses_down(PosesDown(self._sequence, t, self._poses(t)))
+            self._broadcast_latest("poses", poses)
+        now = self.now()
+        if now - self._status_at >= STATUS_EVERY or now < self._status_at:
+            self._status_at = now
+            self._broadcast_latest("status", m.encode(self.status()))
+
+    def status(self) -> m.Status:
+        """How the room is."""
+        t = self.time()
+        users = {
+            device.name: m.Health(
+                _rate(device.poses, t),
+                _rate(device.ranges, t),
+                None if device.round_trip is None else 500.0 * device.round_trip,
+                device.asleep,
+                dict(device.refused),
+            )
+            for device in self.devices.values()
+        }
+        pairs = [m.PairRange(r.a, r.b, r.distance, r.residual, r.used, max(0.0, t - r.t)) for r in self._ranges]
+        refused = self.refused + Counter({f"datagram {reason}": n for reason, n in self.receiver.refused.items()})
+        return m.Status(t, users, pairs, dict(refused), float(max(0.0, t - max(self._told_at, t - 3600.0))))
+
+    # Inside
+
+    def _hear(self, client: Client, message: m.FromClient) -> None:
+        match message:
+            case m.Ping():
+                self._ping(client, message)
+            case m.Ranges():
+                self._ranges_of(client, message)
+            case m.Reset():
+                self._reset(client, message)
+            case m.Lost():
+                self._feed(Lost(self._own(client, message.user).name))
+            case m.Module():
+                self._module(client, message)
+            case m.Clock():
+                self._clock(client, message)
+            case m.Finish():
+                self._need_recorded(client)
+                self._finishing.append(client)
+                if self.solver is not None:
+                    self.solver.finish(message.t)
+            case m.Create():
+                if message.user is not None:
+                    self._own(client, message.user)
+                self.objects.create(message, self._speaker(client), self.time(), self._in_common)
+            case m.Grab():
+                self.objects.grab(message.id, self._speaker(client), self.time())
+            case m.Move():
+                self.objects.move(message, self._speaker(client), self.time())
+            case m.Release():
+                self.objects.release(message.id, self._speaker(client))
+            case m.Remove():
+                self.objects.remove(message.id, self._speaker(client))
+            case m.Heartbeat():
+                pass
+            case m.Say():
+                self._say(client, message)
+            case m.Signal():
+                self._signal(client, message)
+            case m.Leave():
+                self._leave(client)
+            case m.Hello():
+                raise MessageError("hello", "hello is said once")
+
+    def _ping(self, client: Client, message: m.Ping) -> None:
+        arrived = self.now()
+        for device in client.devices:
+            device.round_trip = message.round_trip
+            if not client.recorded:
+                device.clock.hear(message.t, arrived)
+                if message.offset is not None:
+                    device.clock.offer(message.offset)
+        client.outbox.put(m.encode(m.Pong(message.t, arrived)))
+
+    def _ranges_of(self, client: Client, message: m.Ranges) -> None:
+        if len(message.ranges) > m.MOST_RANGES:
+            raise MessageError("size", f"a message has at most {m.MOST_RANGES} ranges")
+        arrived, own = self.now(), {device.name: device for device in client.devices}
+        for measured in message.ranges:
+            reporter = own.get(measured.a) or own.get(measured.b)
+            if reporter is None:
+                raise MessageError("user", "a client reports the ranges of its own devices only")
+            if measured.a == measured.b:
+                raise MessageError("value", f"{measured.a}: a range to itself")
+            for name in (measured.a, measured.b):
+                if name not in self.devices:
+                    raise MessageError("user", f"there is nobody called {name!r} in the room")
+            t = measured.t if client.recorded else self._room_time(reporter, measured.t, arrived)
+            optional = {
+                name: getattr(measured, name)
+                for name in ("sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos", "source")
+                if getattr(measured, name) is not None
+            }
+            if "nlos" in optional:
+                optional["nlos"] = float(optional["nlos"])
+            self._take_range(t, measured.a, measured.b, measured.distance, optional)
+
+    def _reset(self, client: Client, message: m.Reset) -> None:
+        device = self._own(client, message.user)
+        if message.frame == device.frame:
+            raise MessageError("frame", "a new frame has another number than the one before")
+        device.frame, device.pose = message.frame % 256, None
+        device.session += 1
+        self._feed(NewFrame(device.name, device.frame))
+        if self._recorder is not None:
+            self._recorder.user(device.settings, device.session)
+        self._tell_members()
+
+    def _module(self, client: Client, message: m.Module) -> None:
+        device = self._own(client, message.user)
+        if not 0 <= message.address <= _LAST_ADDRESS:
+            raise MessageError("address", f"a module's address is 0 to {_LAST_ADDRESS}")
+        owner = self.modules.get(message.address)
+        if owner not in (None, device.name):
+            raise MessageError("address", f"address {message.address} is the module of {owner}: give it another one")
+        self.modules = {a: name for a, name in self.modules.items() if name != device.name}
+        self.modules[message.address] = device.name
+        self.roster_version += 1
+        key = self.keys.of(message.address).hex()
+        client.outbox.put(m.encode(m.ModuleKey(device.name, message.address, self.radio_session, key, self.udp_port)))
+
+    def _clock(self, client: Client, message: m.Clock) -> None:
+        self._need_recorded(client)
+        if self.recorded_t is not None and message.t < self.recorded_t:
+            raise MessageError("time", "a recording's time goes forwards")
+        self.recorded_t = message.t
+        if self.solver is not None:
+            self.solver.advance(message.t)
+
+    def _need_recorded(self, client: Client) -> None:
+        if not client.recorded:
+            raise MessageError("time", "only a client that joined with recorded time says what time it is")
+
+    def _say(self, client: Client, message: m.Say) -> None:
+        if m.data_too_large(message.data):
+            raise MessageError("size", f"data has at most {m.LARGEST_DATA} bytes as JSON")
+        said = m.encode(m.Said(message.topic[: m.LONGEST_NAME], message.data, client.name))
+        if message.to is None:
+            for other in self.clients - {client}:
+                other.outbox.put(said)
+        else:
+            self._client_of(message.to).outbox.put(said)
+
+    def _signal(self, client: Client, message: m.Signal) -> None:
+        if m.data_too_large(message.data):
+            raise MessageError("size", f"a signal has at most {m.LARGEST_DATA} bytes as JSON")
+        self._client_of(message.to).outbox.put(m.encode(m.Signalled(self._speaker(client), message.data)))
+
+    def _leave(self, client: Client) -> None:
+        client.outbox.put(m.encode(m.Bye("left", "you have left the room")))
+        self.disconnect(client)
+        client.outbox.close()
+
+    def _take_pose(self, client: Client, device: Device, pose: Any, arrived: float) -> None:
+        if device.settings.static:
+            raise MessageError("static", f"{device.name} stands still: it has no poses")
+        if pose.frame != device.frame:
+            raise MessageError("frame", f"a pose of frame {pose.frame}; {device.name} is in frame {device.frame}")
+        t = pose.t if client.recorded else self._room_time(device, pose.t, arrived)
+        if device.pose is None or t >= device.pose[0]:
+            device.pose = t, pose.position, pose.quat_xyzw
+        device.poses.append(t)
+        self._feed(Pose(device.name, t, pose.position, pose.quat_xyzw))
+        if self._recorder is not None:
+            self._recorder.pose(device.name, device.session, t, pose.position, pose.quat_xyzw)
+
+    def _room_time(self, device: Device, stamp: float, arrived: float) -> float:
+        t = device.clock.hear(stamp, arrived)
+        if t > arrived + FROM_THE_FUTURE:
+            raise MessageError("future", f"{device.name}: a stamp {t - arrived:.1f} s ahead of the room's clock")
+        if t < arrived - TOO_OLD:
+            raise MessageError("old", f"{device.name}: a stamp {arrived - t:.1f} s behind the room's clock")
+        return t
+
+    def _take_range(self, t: float, a: str, b: str, distance: float, optional: dict[str, Any]) -> None:
+        for name in (a, b):
+            self.devices[name].ranges.append(t)
+        self._feed(Range(t, a, b, distance, optional))
+        if self._recorder is not None:
+            frames = self.devices[a].session, self.devices[b].session
+            self._recorder.range(t, a, b, frames, distance, optional)
+
+    def _with_antennas(self, a: str, b: str, optional: dict[str, Any]) -> dict[str, Any]:
+        """A module is the first antenna that its device declares."""
+        for end, name in (("antenna_a", a), ("antenna_b", b)):
+            if antennas := self.devices[name].settings.antennas:
+                optional[end] = next(iter(antennas))
+        return optional
+
+    def _feed_user(self, device: Device) -> None:
+        self._feed(AddUser(device.settings))
+        if self._recorder is not None:
+            self._recorder.user(device.settings, device.session)
+
+    def _feed(self, command: Any) -> None:
+        if self.solver is not None:
+            self.solver.feed(command)
+
+    def _check_settings(self, user: m.UserSettings, owner: str) -> None:
+        if not (is_name(user.name) and len(user.name) <= m.LONGEST_NAME):
+            raise MessageError("name", f"{user.name!r} cannot be a name: 1 to {m.LONGEST_NAME} printable characters")
+        known = self.devices.get(user.name)
+        if known is not None and not secrets.compare_digest(known.owner, owner):
+            raise MessageError("name", f"there is somebody called {user.name!r} already: choose another name")
+        if user.height_sigma is not None and not 0.0 < user.height_sigma < 1e6:
+            raise MessageError("value", "height_sigma is a positive number of m")
+        if user.static and user.antennas:
+            raise MessageError("value", "a device without attitude has no antennas")
+
+    def _own(self, client: Client, name: str) -> Device:
+        for device in client.devices:
+            if device.name == name:
+                return device
+        raise MessageError("user", f"this connection does not speak for {name!r}")
+
+    def _speaker(self, client: Client) -> str:
+        if not client.devices:
+            raise MessageError("spectator", "who only looks changes nothing: join with a device")
+        return client.name
+
+    def _client_of(self, name: str) -> Client:
+        device = self.devices.get(name)
+        if device is None or device.client is None:
+            raise MessageError("user", f"{name!r} is not here")
+        return device.client
+
+    def frame_of(self, name: str) -> YawFrame | None:
+        """`common_from_user` of a device's present SLAM frame, in its own axes; None: not known."""
+        device, told = self.devices.get(name), self.frames.users.get(name)
+        if device is None or told is None or told.matrix is None or told.frame != device.frame:
+            return None
+        assert told.x is not None
+        assert told.y is not None
+        assert told.z is not None
+        return YawFrame(told.x, told.y, told.z, told.yaw or 0.0, told.scale, device.settings.up)
+
+    def _in_common(self, name: str, position: m.Vector, quat: m.Quaternion) -> tuple[m.Vector, m.Quaternion] | None:
+        told = self.frames.users.get(name)
+        frame = self.frame_of(name)
+        if told is None or told.state != "registered" or frame is None:
+            return None
+        return _placed(frame, position, quat)
+
+    def _poses(self, t: float) -> list[PoseDown]:
+        out = []
+        for device in self.devices.values():
+            frame = self.frame_of(device.name)
+            if frame is None or (device.left_at is not None and t - device.left_at > AWAY_AFTER):
+                continue
+            if device.settings.static:
+                at, position, quat = t, (frame.x, frame.y, frame.z), (0.0, 0.0, 0.0, 1.0)
+            elif device.pose is not None:
+                at, own, own_quat = device.pose
+                position, quat = _placed(frame, own, own_quat)
+            else:
+                continue
+            state = self.frames.users[device.name].state
+            out.append(PoseDown(device.index, state, device.frame, max(0.0, t - at), position, quat))
+        return out
+
+    def _members(self) -> list[m.Member]:
+        return [device.member() for device in self.devices.values()]
+
+    def _tell_members(self) -> None:
+        self.roster_version += 1
+        self._broadcast(m.Members(self._members()))
+
+    def _broadcast(self, message: Any) -> None:
+        word = m.encode(message)
+        for client in self.clients:
+            client.outbox.put(word)
+
+    def _broadcast_latest(self, kind: str, word: bytes) -> None:
+        for client in self.clients:
+            client.outbox.latest(kind, word)
+
+
+def _placed(frame: YawFrame, position: m.Vector, quat_xyzw: m.Quaternion) -> tuple[m.Vector, m.Quaternion]:
+    x, y, z = (frame @ np.array(position)).tolist()
+    quat: Array = np.array(quat_xyzw, dtype=float)
+    quat = quat / np.linalg.norm(quat)
+    if frame.up_b != "z":
+        quat = YawFrame(up_b=frame.up_b).rotate_quaternions(quat)
+    qx, qy, qz, qw = multiply_quaternions(yaw_quaternion(frame.yaw), quat).tolist()
+    return (x, y, z), (qx, qy, qz, qw)
+
+
+def _differ(before: m.Frames, told: Told) -> bool:
+    """Whether anything of it is news."""
+    if before.reference != told.reference or before.users.keys() != told.users.keys():
+        return True
+    for name, now in told.users.items():
+        was = before.users[name]
+        if (was.state, was.frame, was.cue, was.matrix is None) != (now.state, now.frame, now.cue, now.matrix is None):
+            return True
+        if now.matrix is None:
+            continue
+        moved = [(a or 0.0) - (b or 0.0) for a, b in zip((was.x, was.y, was.z), (now.x, now.y, now.z), strict=True)]
+        if max(map(abs, moved)) > _CHANGED_M or abs((was.yaw or 0.0) - (now.yaw or 0.0)) > _CHANGED_RAD:
+            return True
+    return False
+
+
+def _rate(stamps: deque[float], t: float) -> float:
+    """A second: how many came within the last one; more than the window holds are counted by the window's length."""
+    recent = [stamp for stamp in stamps if t - 1.0 <= stamp]
+    if len(recent) < len(stamps) or len(stamps) < (stamps.maxlen or 0):
+        return float(len(recent))
+    span = max(stamps) - min(stamps)
+    return len(stamps) / span if span > 0.0 else float(len(recent))

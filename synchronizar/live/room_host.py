@@ -1,0 +1,141 @@
+"""What runs a room: its clock, its solver's process, its recorder, and the two beats of its time."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from synchronizar.errors import InputError
+from synchronizar.live.object_file import ObjectFile
+from synchronizar.live.recorder import RESUME_FILE, STATE_FILE, FolderRecorder
+from synchronizar.live.resuming import begin_again, tail
+from synchronizar.live.room import Room
+from synchronizar.live.roster import Roster, write_roster
+from synchronizar.live.solver import SolverProcess
+from synchronizar.live.solver_wire import Advance, Begin
+
+TICK_S = 1.0 / 30.0
+FLUSH_S = 1.0
+
+
+class RoomClock:
+    """s since 1970 when the server began, and from then on a clock that only goes forwards."""
+
+    def __init__(self) -> None:
+        self._since = time.time() - time.monotonic()
+
+    def __call__(self) -> float:
+        """Now, in s."""
+        return self._since + time.monotonic()
+
+
+class RoomHost:
+    """Keeps one room going until it is closed."""
+
+    def __init__(self, room: Room, workers: int, recorder: FolderRecorder | None, objects: ObjectFile | None) -> None:
+        """`workers` search beside the solver, where time is live."""
+        self.room = room
+        self.solver: SolverProcess | None = None
+        self._workers, self._recorder, self._objects = workers, recorder, objects
+        self._temporary = tempfile.TemporaryDirectory(prefix="synchronizar-") if recorder is None else None
+        self._state = (Path(self._temporary.name) if recorder is None else recorder.folder) / STATE_FILE  # type: ignore[union-attr]
+        self._offsets: dict[int, dict[str, int]] = {}
+        self._roster_version = -1
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def start(self) -> None:
+        """Begin its tasks; there must be a running loop."""
+        beats = [self._ticks()]
+        if self._recorder is not None:
+            beats.append(self._flushes(self._recorder))
+        self._tasks = [asyncio.create_task(beat) for beat in beats]
+        self.room.begun = lambda recorded: self._solve(Begin(0 if recorded else self._workers))
+
+    def resume(self, roster: Roster) -> None:
+        """Go on where the room's folder ends. Raises InputError where it cannot be read."""
+        assert self._recorder is not None
+        folder, room = self._recorder.folder, self.room
+        room.restore(roster)
+        if not roster.devices:
+            return
+        begin, offsets = begin_again(folder, self._workers)
+        room.recorded, room.begun = False, None
+        self._solve(begin)
+        assert self.solver is not None
+        for command in tail(folder, roster.devices, begin, offsets):
+            if isinstance(command, Advance):
+                self.solver.advance(command.t)
+            else:
+                self.solver.feed(command)
+        if self._objects is not None:
+            room.objects.restore(self._objects.load())
+
+    def _solve(self, begin: Begin) -> None:
+        """Begin the solver."""
+        room = self.room
+        self.solver = SolverProcess(room.told, room.finished, room.event, self._state, begin, self._saved, self._saving)
+        room.solver = self.solver
+        self._tasks.append(asyncio.create_task(self.solver.run()))
+
+    async def close(self) -> None:
+        """Everything on disk, and nothing left running."""
+        if self.solver is not None:
+            await self.solver.close()
+        for task in self._tasks:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+        if self._recorder is not None:
+            with suppress(InputError):
+                await asyncio.to_thread(self._flush, self._recorder)
+            self._recorder.close()
+        if self._objects is not None:
+            self._objects.close()
+        if self._temporary is not None:
+            self._temporary.cleanup()
+
+    async def _ticks(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            self.room.tick()
+            due = max(due + TICK_S, loop.time())
+            await asyncio.sleep(due - loop.time())
+
+    async def _flushes(self, recorder: FolderRecorder) -> None:
+        """A disk that is full or gone is told, and the room goes on."""
+        told = False
+        while True:
+            await asyncio.sleep(FLUSH_S)
+            try:
+                await asyncio.to_thread(self._flush, recorder)
+                told = False
+            except InputError as error:
+                if not told:
+                    self.room.event(f"the room is not recorded: {error}")
+                told = True
+
+    def _flush(self, recorder: FolderRecorder) -> None:
+        recorder.flush()
+        if self._objects is not None:
+            self._objects.flush()
+        if (version := self.room.roster_version) != self._roster_version:
+            write_roster(recorder.folder, self.room.roster())
+            self._roster_version = version
+
+    def _saving(self, serial: int) -> None:
+        """A state with all blocks up to `serial` is being written: what is recorded until now is in it."""
+        if self._recorder is not None:
+            self._offsets[serial] = self._recorder.offsets()
+
+    def _saved(self, serial: int, frames: dict[str, int]) -> None:
+        if self._recorder is None:
+            return
+        offsets = self._offsets.pop(serial, None)
+        self._offsets = {later: of for later, of in self._offsets.items() if later > serial}
+        if offsets is not None:
+            with suppress(InputError):
+                self._recorder.note(RESUME_FILE, {"offsets": offsets, "frames": frames})

@@ -1,0 +1,228 @@
+"""`synchronizar serve`: one process that people join."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import secrets
+import signal
+import ssl
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from aiohttp import web
+
+from synchronizar.errors import InputError
+from synchronizar.live.certificates import own_addresses, server_context
+from synchronizar.live.connection import serve_link
+from synchronizar.live.lobby import Lobby, new_code
+from synchronizar.live.object_file import OBJECTS_FILE, ObjectFile
+from synchronizar.live.recorder import FolderRecorder
+from synchronizar.live.room import Room
+from synchronizar.live.room_host import RoomClock, RoomHost
+from synchronizar.live.roster import Roster, read_roster
+from synchronizar.live.udp import UdpPort
+from synchronizar.live.web import application
+
+if TYPE_CHECKING:
+    from synchronizar.live.webtransport import WebTransportPort
+
+IDLE_S = 3600.0
+"""s after which a room without anybody is closed."""
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+@dataclass(frozen=True)
+class ServerOptions:
+    """What `serve` was asked for."""
+
+    host: str | None = None
+    """Address to listen at; None: all of this machine's."""
+    port: int = 47180
+    """TCP; 0: any that is free."""
+    udp_port: int = 47190
+    """Where modules send their ranges; 0: any that is free."""
+    allow_version_1: bool = False
+    """Whether modules may sign with the room's own key, as in version 1 of their protocol."""
+    record: Path | None = None
+    """A folder in which each room writes its own."""
+    resume: bool = False
+    """Go on with all rooms that were recorded in that folder."""
+    public_url: str | None = None
+    """Under which address others reach it, where that is another one: behind a proxy."""
+    certificate: Path | None = None
+    """PEM file with certificate and key; None: a self-signed one."""
+    tls: bool = True
+    workers: int = 1
+    json: bool = False
+
+
+async def serve(options: ServerOptions, started: Callable[[dict[str, object]], None]) -> None:
+    """Serve until somebody ends it; `started` hears where, once it listens. Raises InputError where it cannot."""
+    if not options.tls and options.host not in LOOPBACK:
+        raise InputError("--no-tls", "a phone needs https: without TLS the server listens at --host 127.0.0.1 alone")
+    if options.resume and options.record is None:
+        raise InputError("--resume", "needs --record DIR: the folder in which the rooms were recorded")
+    context = server_context(options.certificate)[0] if options.tls else None
+    server = Server(options, context)
+    try:
+        started(await server.start())
+        await _ended()
+    finally:
+        await server.close()
+
+
+class Server:
+    """The parts of a server, started and closed."""
+
+    def __init__(self, options: ServerOptions, context: ssl.SSLContext | None) -> None:
+        self.options = options
+        self.clock = RoomClock()
+        self.lobby = Lobby(self.clock)
+        self.hosts: list[RoomHost] = []
+        self._context = context
+        self._url = ""
+        self._runner: web.AppRunner | None = None
+        self._udp: UdpPort | None = None
+        self._closing_idle: asyncio.Task[None] | None = None
+        self._webtransport: WebTransportPort | None = None
+
+    async def start(self) -> dict[str, object]:
+        """Listen, open a room, and say where. Raises InputError where the port is taken."""
+        options = self.options
+        self._runner = web.AppRunner(application(self.lobby, self.join_address, self.open_room), access_log=None)
+        await self._runner.setup()
+        site = web.TCPSite(self._runner, options.host, options.port, ssl_context=self._context)
+        try:
+            await site.start()
+        except OSError as error:
+            raise InputError(
+                "--port", f"{options.port} cannot be listened at: {error.strerror}; choose another"
+            ) from error
+        port = self.port
+        if self._context is not None:
+            await self._open_webtransport(port)
+        name = options.host if options.host not in (None, "0.0.0.0", "::") else own_addresses()[0]
+        host = f"[{name}]" if name and ":" in name else name
+        self._url = (options.public_url or f"{'https' if self._context else 'http'}://{host}:{port}").rstrip("/")
+        self._udp = UdpPort(self.lobby, self.clock, options.host, options.udp_port)
+        self._closing_idle = asyncio.create_task(self._close_idle())
+        room = self.open_rooms_again()[-1] if options.resume else self.open_room()
+        return {"url": self._url, "room": room.code, "join": self.join_address(room.code), "udp_port": room.udp_port}
+
+    async def _open_webtransport(self, port: int) -> None:
+        """At the same number as TCP, where the extra is installed."""
+        try:
+            from synchronizar.live.webtransport import WebTransportPort
+        except ModuleNotFoundError:
+            return
+        self._webtransport = await WebTransportPort.open(
+            self.options.host, port, lambda link: serve_link(link, self.lobby)
+        )
+        self.lobby.webtransport = self._webtransport.port, self._webtransport.certificate_sha256.hex()
+
+    @property
+    def port(self) -> int:
+        """TCP port at which it listens."""
+        assert self._runner is not None
+        return int(self._runner.addresses[0][1])
+
+    def join_address(self, code: str) -> str:
+        """The address that phones and `play` join by: its fragment, the code, is seen and logged by no server."""
+        return f"{self._url}/#{code}"
+
+    def open_room(self) -> Room:
+        """One more room. Raises InputError where its folder cannot be written."""
+        allowed = self.options.allow_version_1
+        if self.options.record is None:
+            return self._host(
+                Room(new_code(), self.clock, udp_port=self._udp_port, allow_version_1=allowed), None, None
+            )
+        name = f"room-{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}"
+        return self._recorded_room(self.options.record / name, None)
+
+    def open_rooms_again(self) -> list[Room]:
+        """All rooms that were recorded here before. Raises InputError where there is none, or one cannot be read."""
+        assert self.options.record is not None
+        folders = sorted(self.options.record.glob("room-*"))
+        known = [(folder, roster) for folder in folders if (roster := read_roster(folder)) is not None]
+        if not known:
+            raise InputError(self.options.record, "no room was recorded here by this user: leave --resume out")
+        return [self._recorded_room(folder, roster) for folder, roster in known]
+
+    @property
+    def _udp_port(self) -> int | None:
+        return None if self._udp is None else self._udp.port
+
+    def _recorded_room(self, folder: Path, roster: Roster | None) -> Room:
+        recorder = FolderRecorder(folder)
+        objects = ObjectFile(folder / OBJECTS_FILE)
+        code, key = (new_code(), None) if roster is None else (roster.code, bytes.fromhex(roster.key))
+        allowed = self.options.allow_version_1
+        room = Room(code, self.clock, key, recorder, self._udp_port, allow_version_1=allowed, saved=objects.save)
+        return self._host(room, recorder, objects, roster)
+
+    def _host(
+        self, room: Room, recorder: FolderRecorder | None, objects: ObjectFile | None, roster: Roster | None = None
+    ) -> Room:
+        host = RoomHost(room, self.options.workers, recorder, objects)
+        host.start()
+        self.hosts.append(host)
+        if roster is not None:
+            host.resume(roster)
+        self.lobby.add(room)
+        return room
+
+    async def _close_idle(self) -> None:
+        """Rooms in which nobody has been for long, but the first: what they wrote stays."""
+        while True:
+            await asyncio.sleep(60.0)
+            for host in [host for host in self.hosts[1:] if host.room.idle_for() > IDLE_S]:
+                self.hosts.remove(host)
+                self.lobby.remove(host.room)
+                await host.close()
+
+    async def close(self) -> None:
+        """Everything ended and on disk."""
+        if self._closing_idle is not None:
+            self._closing_idle.cancel()
+        if self._udp is not None:
+            self._udp.close()
+        if self._webtransport is not None:
+            self._webtransport.close()
+        if self._runner is not None:
+            await self._runner.cleanup()
+        for host in self.hosts:
+            await host.close()
+
+
+def announce(where: dict[str, object], options: ServerOptions) -> None:
+    """Say where the server is: one line of JSON, or an address and its QR code for people."""
+    if options.json:
+        print(json.dumps(where), flush=True)
+        return
+    print(f"room {where['room']}\njoin {where['join']}\nlook {where['url']}/room#{where['room']}")
+    if sys.stdout.isatty():
+        import segno
+
+        segno.make(str(where["join"]), error="m").terminal(compact=True)
+    sys.stdout.flush()
+
+
+async def _ended() -> None:
+    """Until Ctrl-C or a polite kill."""
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, ended.set)
+    await ended.wait()
+
+
+def usual_workers() -> int:
+    """Searches get a process of their own where there is more than one core."""
+    return 1 if (os.cpu_count() or 1) > 1 else 0

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from synchronizar.live.device_clock import DeviceClock
+
+AHEAD = 1000.0
+"""s: the room's clock minus the device's."""
+
+
+def heard(clock: DeviceClock, stamps: np.ndarray, delays: np.ndarray, ahead: np.ndarray | float = AHEAD) -> np.ndarray:
+    """Room's time of each word, minus when it was truly said."""
+    ahead = np.broadcast_to(ahead, stamps.shape)
+    pairs = zip(stamps.tolist(), (stamps + ahead + delays).tolist(), strict=True)
+    return np.array([clock.hear(stamp, arrived) for stamp, arrived in pairs]) - (stamps + ahead)
+
+
+def test_stamps_are_too_late_by_the_least_delay_alone() -> None:
+    random = np.random.default_rng(0)
+    stamps = np.arange(0.0, 60.0, 1.0 / 60.0)
+    off = heard(DeviceClock(), stamps, 0.003 + random.exponential(0.02, len(stamps)))
+    assert off[120:].max() < 0.006
+    assert off.min() > 0.0029
+
+
+def test_what_the_device_knows_of_its_round_trip_is_taken_out() -> None:
+    clock = DeviceClock()
+    clock.offer(AHEAD)
+    stamps = np.arange(0.0, 10.0, 0.05)
+    off = heard(clock, stamps, np.full(len(stamps), 0.1))
+    assert np.abs(off[50:]).max() < 1e-6
+
+
+def test_stamps_never_run_backwards_while_clocks_drift_apart() -> None:
+    random = np.random.default_rng(1)
+    stamps = np.arange(0.0, 600.0, 0.1)
+    drift = 100e-6 * stamps
+    off = heard(DeviceClock(), stamps, 0.005 + random.exponential(0.01, len(stamps)), AHEAD + drift)
+    assert (np.diff(off) > -0.1).all()
+    assert np.abs(off[50:]).max() < 0.012
+
+
+@pytest.mark.parametrize("step", [5.0, -5.0])
+def test_a_clock_that_is_set_anew_is_noticed_and_followed(step: float) -> None:
+    clock = DeviceClock()
+    stamps = np.arange(0.0, 60.0, 0.1)
+    ahead = np.where(stamps < 30.0, AHEAD, AHEAD + step)
+    off = heard(clock, stamps, np.full(len(stamps), 0.004), ahead)
+    assert clock.steps == 1
+    late = off[stamps > 30.0 + (25.0 if step > 0.0 else 0.0)]
+    assert np.abs(late).max() < 0.01

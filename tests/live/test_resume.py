@@ -1,0 +1,157 @@
+"""A server that is killed, and another one that goes on with its rooms."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from synchronizar.data.recording import Recording
+from synchronizar.errors import InputError
+from synchronizar.live import messages as m
+from synchronizar.live.client import Client
+from synchronizar.live.object_file import ObjectFile
+from synchronizar.live.recorder import FolderRecorder, recorded_name
+from synchronizar.live.resuming import begin_again, tail
+from synchronizar.live.roster import KnownDevice
+from synchronizar.live.solver_wire import AddUser, Advance, NewFrame, Pose, Range
+
+NO_TURN = (0.0, 0.0, 0.0, 1.0)
+
+
+@contextmanager
+def server(*options: str) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
+    command = [
+        sys.executable,
+        "-m",
+        "synchronizar",
+        "serve",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-tls",
+        "--json",
+    ]
+    with subprocess.Popen([*command, *options], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process, json.loads(process.stdout.readline())
+        finally:
+            process.kill()
+
+
+def test_a_server_that_is_killed_loses_at_most_a_second_and_the_next_one_goes_on(tmp_path: Path) -> None:
+    """Objects, devices, secrets, and all that was recorded up to a second before."""
+    said: list[float] = []
+    resume = ""
+
+    async def walk(where: dict[str, Any], seconds: float) -> None:
+        nonlocal resume
+        async with (
+            await Client.join(where["join"], ["alice"], resume=resume or None) as alice,
+            await Client.join(where["join"], {"bob~": {"up": "y"}}, resume="bob's own secret") as bob,
+        ):
+            resume = alice.resume
+            if "coin" not in alice.objects:
+                await alice.say_message(m.Create("coin", "coin", (1.0, 2.0, 0.5), data={"worth": 3}))
+            until = time.time() + seconds
+            while (now := time.time()) < until:
+                await alice.send_pose("alice", now, [now % 10.0, 0.0, 0.0], NO_TURN)
+                await bob.send_pose("bob~", now, [0.0, 0.0, now % 10.0], NO_TURN)
+                await alice.send_range(now, "alice", "bob~", 3.0)
+                said.append(now)
+                await asyncio.sleep(0.05)
+
+    with server("--record", str(tmp_path)) as (process, first):
+        asyncio.run(walk(first, 3.0))
+        killed = time.time()
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    (folder,) = tmp_path.iterdir()
+    recorded = Recording.load(folder)
+    older = [t for t in said if t < killed - 1.5]
+    assert len(recorded.tracks["alice"]) >= len(older)
+    assert len(recorded.ranges) >= len(older)
+    with server("--record", str(tmp_path), "--resume") as (process, second):
+        assert second["room"] == first["room"]
+        with pytest.raises(InputError, match="somebody called 'alice' already"):
+            asyncio.run(Client.join(second["join"], ["alice"]))
+        asyncio.run(walk(second, 1.5))
+        process.send_signal(signal.SIGTERM)
+        assert process.wait() == 0
+    recorded = Recording.load(folder)
+    assert len(recorded.tracks["bob~"]) >= len(said) - 35
+    assert {user.name: user.up for user in recorded.users} == {"alice": "z", "bob~": "y"}
+    text = "".join(file.read_text() for file in folder.rglob("*") if file.suffix in (".json", ".toml", ".csv", ".tum"))
+    assert first["room"] not in text
+    assert resume not in text
+
+
+def test_objects_come_back_as_they_were_written(tmp_path: Path) -> None:
+    path = tmp_path / "objects.sqlite3"
+    kept = ObjectFile(path)
+    coin = m.Object("coin", "coin", (1.0, 2.0, 0.5), NO_TURN, "alice", data={"worth": 3})
+    kept.save(coin)
+    kept.save(m.Object("gone", "coin", (0.0, 0.0, 0.0), NO_TURN, "alice"))
+    kept.flush()
+    kept.save("gone")
+    kept.flush()
+    kept.save(m.Object("lost", "coin", (0.0, 0.0, 0.0), NO_TURN, "alice"))  # never flushed: its process was killed
+    assert ObjectFile(path).load() == [coin]
+    path.write_bytes(b"nonsense" * 100)
+    with pytest.raises(InputError, match=r"objects\.sqlite3"):
+        ObjectFile(path)
+    assert sqlite3.sqlite_version
+
+
+def test_what_came_after_the_state_is_said_again_in_the_order_of_time_and_half_a_line_is_not(tmp_path: Path) -> None:
+    recorder = FolderRecorder(tmp_path)
+    alice, bob = m.UserSettings("alice"), m.UserSettings("bob", antennas={"left": (0.1, 0.0, 0.0)})
+    for user in (alice, bob):
+        recorder.user(user, 0)
+    recorder.range(0.5, "alice", "bob", (0, 0), 2.5, {})  # neither has a pose yet: no recording can have it
+    recorder.pose("alice", 0, 1.0, (1.0, 2.0, 3.0), NO_TURN)
+    recorder.pose("bob", 0, 1.0, (8.0, 8.0, 8.0), NO_TURN)
+    recorder.range(1.0, "alice", "bob", (0, 0), 2.5, {"antenna_b": "left", "nlos": 1.0})
+    before = recorder.offsets()
+    recorder.user(bob, 1)
+    recorder.pose("bob", 0, 1.2, (9.0, 9.0, 9.0), NO_TURN)  # of a frame that ended
+    recorder.pose("bob", 1, 2.0, (4.0, 5.0, 6.0), NO_TURN)
+    recorder.range(2.02, "alice", "bob", (0, 1), 3.5, {"antenna_b": "left", "sigma": 0.05, "source": "module"})
+    recorder.pose("alice", 0, 2.01, (1.5, 2.0, 3.0), NO_TURN)
+    recorder.note("resume.json", {"offsets": before, "frames": {}})
+    (tmp_path / "solver.state").write_bytes(b"state")
+    recorder.flush()
+    with (tmp_path / "tracks" / "alice.tum").open("a") as file:
+        file.write("2.5 1.0 2")
+    begin, offsets = begin_again(tmp_path, 0)
+    assert begin.state == str(tmp_path / "solver.state")
+    assert offsets == before
+    known = [KnownDevice(alice, "", 0, 0), KnownDevice(bob, "", 1, 1)]
+    assert [c for c in tail(tmp_path, known, begin, offsets) if not isinstance(c, Advance)] == [
+        AddUser(alice),
+        AddUser(bob),
+        NewFrame("bob", 1),
+        Pose("bob", 2.0, (4.0, 5.0, 6.0), NO_TURN),
+        Pose("alice", 2.01, (1.5, 2.0, 3.0), NO_TURN),
+        Range(2.02, "alice", "bob", 3.5, {"antenna_b": "left", "sigma": 0.05, "source": "module"}),
+    ]
+    again = FolderRecorder(tmp_path)
+    again.pose("alice", 0, 3.0, (1.0, 2.0, 3.0), NO_TURN)
+    again.close()
+    recorded = Recording.load(tmp_path)
+    assert recorded.tracks["alice"].t.tolist() == [1.0, 2.01, 3.0]
+    assert recorded_name("bob", 1) in recorded.tracks
+    assert recorded.ranges.t.tolist() == [1.0, 2.02]
