@@ -517,6 +517,35 @@ class DiagnosisParameters:
 
 
 @dataclass(frozen=True)
+class SleepParameters:
+    """When a room's modules sleep. Times s."""
+
+    settled: float = 20.0
+    """For so long somebody has to be registered and sure of their place before their module may sleep: a check of known
+    users comes 5 s after registration, and what contradicts a place is seen within seconds of walking."""
+    sigma: float = 0.15
+    """m in the plane: so sure they have to be, ..."""
+    wake_sigma: float = 0.3
+    """... and are woken when they are less sure than this. SLAM's drift adds to sigma while nobody ranges."""
+    nap: float = 20.0
+    """Modules wake at its multiples: as long a joiner waits at most."""
+    shortest_nap: float = 5.0
+    """Start and Wi-Fi take 2.4 s: shorter naps save nothing."""
+    glance: float = 1.0
+    """A module ranges for so long when it has woken, before it is told to sleep again."""
+    gone: float = 3.0
+    """One that was not heard for so long, and is, has woken: who is awake says something each second."""
+    partners: float = 600.0
+    """Who ranged with somebody within so long is near enough to be woken for them."""
+    unheard: float = 60.0
+    """Who is in need keeps others awake only while their module was heard within so long, a few naps."""
+    range_on_every: float = 3.0
+    """A module sleeps by itself after 10 s without an order."""
+    sleep_every: float = 1.0
+    """An order to sleep that was lost is given again."""
+
+
+@dataclass(frozen=True)
 class Parameters:
     """What is assumed of radios, SLAM, devices and people before anything is measured, and how the answer is found."""
 
