@@ -74,7 +74,8 @@ class Smoother:
     def solved(self, t: float, placing: Placing, covariance: ArrayLike, at: ArrayLike) -> Alarm | None:
         """A registered frame was told at `t` (s), with its covariance (4, 4) over x, y, z, yaw.
 
-        The device is `at` (3,) m in its own frame. An alarm where it contradicts what was told before: a page says that things have moved.
+        The device is `at` (3,) m in its own frame. An alarm where it contradicts what was told before: a page says that
+        things have moved.
         """
         cov, p = np.asarray(covariance, dtype=float), self.parameters
         alarm = None if self._told is None else _alarm(self._told, placing, at, p)
