@@ -546,6 +546,34 @@ class SleepParameters:
 
 
 @dataclass(frozen=True)
+class SmoothingParameters:
+    """How the frame that a page shows follows the one that is solved (`live.smoothing`)."""
+
+    dead_band: float = 0.01
+    """m: an error of the shown frame that nobody sees; it is left alone, as is one that is less than 1 sigma."""
+    arm: float = 3.0
+    """m: how far away things stand that a turn or a scale moves."""
+    settled: float = 0.5
+    """Once followed, an error is followed down to this share of the band, lest the noise at its edge is followed."""
+    least_speed: float = 0.02
+    """m/s at which things may always move, ..."""
+    rate: float = 0.2
+    """1/s: ... and this times their error besides."""
+    out_of_view: float = 10.0
+    """Times as fast where nothing that moves is on the screen."""
+    fade_beyond: float = 0.5
+    """m: from here on things fade out, and in again where they belong."""
+    fade_time: float = 0.3
+    """s that either takes."""
+    alarm_least: float = 0.1
+    """m: no correction below it is told to people."""
+    alarm_sigmas: float = 5.0
+    """A correction beyond this many sigmas, by what was told, is told."""
+    alarm_memory: float = 10.0
+    """s: what is held against a frame is what was told so long ago at most, so that creeping is noticed too."""
+
+
+@dataclass(frozen=True)
 class Parameters:
     """What is assumed of radios, SLAM, devices and people before anything is measured, and how the answer is found."""
 

@@ -10,6 +10,7 @@ second (contradictions.py), and so does a jump of its SLAM until it is mended.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -323,8 +324,10 @@ class Engine:
 
     def _snapshot(self, begin: float, gauge: int, sought: list[int], checking: bool) -> Snapshot:
         tracks, segments, poses, first = {}, {}, {}, np.full(len(self.users), -np.inf)
+        # A recording is sorted by name, and users are in the order in which they came.
+        users = tuple(replace(user, name=f"{u:08d}") for u, user in enumerate(self.users))
         slots = list(range(self.tracking.slot_of(begin), self.tracking.slot_of(self.now) + 1))
-        for u, (user, stream) in enumerate(zip(self.users, self.streams, strict=True)):
+        for u, (user, stream) in enumerate(zip(users, self.streams, strict=True)):
             if stream is None:
                 poses[u] = SlotPoses(slots, np.zeros(len(slots) + 1), np.zeros((len(slots) + 1, 3)))
                 continue
@@ -359,7 +362,7 @@ class Engine:
         rows = rows[rows[:, 0] > np.maximum(begin, np.maximum(first[a], first[b]))]
         return Snapshot(
             self.now,
-            Recording(self.users, tracks, self.log.ranges(rows)),
+            Recording(users, tracks, self.log.ranges(rows)),
             rows[:, -1].astype(np.int32),
             segments,
             gauge,
