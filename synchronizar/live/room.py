@@ -13,7 +13,7 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.geometry import YawFrame
-from synchronizar.io.datagrams import RangesDatagram, RoomKeys
+from synchronizar.io.datagrams import OrderDatagram, RangesDatagram, RoomKeys, encode_order
 from synchronizar.io.receiver import Receiver
 from synchronizar.io.text import is_name
 from synchronizar.live import messages as m
@@ -24,6 +24,7 @@ from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
 from synchronizar.live.pose_wire import PoseDown, PosesDown, decode_poses_up, encode_poses_down
 from synchronizar.live.roster import KnownDevice, Roster
+from synchronizar.live.sleeping import Sleeping, standing_of
 from synchronizar.live.solver import Solver
 from synchronizar.live.solver_wire import AddUser, Lost, NewestRange, NewFrame, Pose, Range, Told
 from synchronizar.quaternions import multiply_quaternions, yaw_quaternion
@@ -78,7 +79,6 @@ class Device:
     round_trip: float | None = None
     refused: Counter[str] = field(default_factory=Counter)
     left_at: float | None = None
-    asleep: bool = False
 
     @property
     def name(self) -> str:
@@ -138,6 +138,7 @@ class Room:
         self.radio_session = int.from_bytes(blake2s(self.key, digest_size=4, person=b"session").digest(), "little")
         self.keys = RoomKeys(self.radio_session, self.key, allow_version_1)
         self.receiver = Receiver(self.keys)
+        self._sleeping = Sleeping()
         self.devices: dict[str, Device] = {}
         self.clients: set[Client] = set()
         self.modules: dict[int, str] = {}
@@ -283,12 +284,18 @@ class Room:
                 if a is None or b is None:
                     self.refused["peer"] += 1
                 else:
+                    self._sleeping.ranged(arrived, a, b)
                     self._take_range(measured.t, a, b, measured.distance, self._with_antennas(a, b, measured.optional))
         return taken.datagram
 
-    def orders_for(self, heard: RangesDatagram, now: float) -> list[bytes]:  # noqa: ARG002
-        """What a module is told in answer to a datagram."""
-        return []
+    def orders_for(self, heard: RangesDatagram, now: float) -> list[bytes]:
+        """What a module is told in answer to a datagram: to sleep, to range on, or nothing."""
+        name = self.modules.get(heard.reporter)
+        sleep_s = None if name is None else self._sleeping.answer(now, name)
+        if sleep_s is None:
+            return []
+        order = OrderDatagram(self.radio_session, heard.reporter, heard.sequence, sleep_s)
+        return [encode_order(order, self.keys.of(heard.reporter))]
 
     def refuse(self, client: Client, error: MessageError) -> None:
         """Count it, and tell the client when it is news."""
@@ -314,6 +321,9 @@ class Room:
             self._frames_at = told.t
             self._broadcast_latest("frames", m.encode(self.frames))
         self.objects.place_waiting(self._in_common, self.time())
+        with_modules = set(self.modules.values())
+        standings = {name: standing_of(u.state, u.sigma) for name, u in told.users.items() if name in with_modules}
+        self._sleeping.update(self.now(), standings)
 
     def finished(self, registration: dict[str, Any]) -> None:
         """The answer that somebody asked for."""
@@ -356,7 +366,7 @@ class Room:
                 _rate(device.poses, t),
                 _rate(device.ranges, t),
                 None if device.round_trip is None else 500.0 * device.round_trip,
-                device.asleep,
+                self._sleeping.is_asleep(self.now(), device.name),
                 dict(device.refused),
             )
             for device in self.devices.values()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from synchronizar.geometry import YawFrame
-from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, encode_ranges
+from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, decode_order, encode_ranges
 from synchronizar.live import messages as m
 from synchronizar.live.lobby import TOKEN_S, TRIES_A_MINUTE, Lobby
 from synchronizar.live.messages import MessageError
@@ -277,6 +277,38 @@ def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone
     assert ranges[0].optional == {"source": "module", "sigma": 0.05, "rx_power": -80.0, "fp_power": -81.0, "nlos": 0.0}
     refused_ = house.room.status().refused
     assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "peer": 1}
+
+
+def test_modules_are_told_to_sleep_once_their_users_are_registered_and_to_wake_when_one_is_not() -> None:
+    house = House()
+    alice, _ = house.enter("alice")
+    bob, _ = house.enter("bob")
+    house.room.hear(alice, m.Module("alice", 7))
+    house.room.hear(bob, m.Module("bob", 8))
+    key = house.room.keys.of(7)
+    orders: list[tuple[float, int]] = []
+
+    def range_for(seconds: float, bob_state: str) -> None:
+        for _ in range(round(10 * seconds)):
+            house.clock.t += 0.1
+            t = house.clock.t
+            users = {"alice": user_frame(YawFrame()), "bob": user_frame(YawFrame(), bob_state)}
+            house.room.told(Told(t, 1, "alice", users, [], [], 0.0))
+            heard = house.room.hear_datagram(datagram(house, 7, 8, round(10 * t), t, 3000, key), t + 0.002)
+            assert heard is not None
+            orders.extend((t, decode_order(order, key).sleep_s) for order in house.room.orders_for(heard, t))
+
+    range_for(5.0, "unobservable")
+    assert {sleep for _, sleep in orders} == {0}
+    orders.clear()
+    range_for(30.0, "registered")
+    first = next(t for t, sleep in orders if sleep > 0)
+    assert first > house.clock.t - 15.0
+    assert house.room.status().users["alice"].asleep
+    orders.clear()
+    range_for(4.0, "ambiguous")
+    assert orders
+    assert {sleep for _, sleep in orders} == {0}
 
 
 def test_recorded_time_is_what_its_client_says_and_the_answer_comes_to_it() -> None:
