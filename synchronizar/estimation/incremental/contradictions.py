@@ -47,14 +47,14 @@ class Contradictions:
         """Remember just these."""
         self._recent, self.suspected = recent, suspected
 
-    def found(self, now: float, gauge: int, registered: frozenset[int]) -> tuple[list[int], str] | None:
+    def found(self, now: float, gauge: int, trusted: frozenset[int]) -> tuple[list[int], str] | None:
         """The users whose latest ranges contradict them, and why; None: there are none.
 
-        Of those who are `registered` more is needed. One shift of some against the others tells the soonest. Besides, a
+        Of those who are `trusted` more is needed. One shift of some against the others tells the soonest. Besides, a
         user's ranges ring the alarm. Who is wrong then is told by who still fits whom: those who fit the gauge, by a
         chain of pairs that fit, are right, unless that is nobody but the gauge while others fit one another.
         """
-        moved = self._moved(now, gauge, registered)
+        moved = self._moved(now, gauge, trusted)
         if moved is not None:
             return moved
         rung = None
@@ -75,7 +75,7 @@ class Contradictions:
             wrong = [user if user != gauge else self._worst_beside(gauge, window, now)]
         return wrong, reason
 
-    def _moved(self, now: float, gauge: int, registered: frozenset[int]) -> tuple[list[int], str] | None:
+    def _moved(self, now: float, gauge: int, trusted: frozenset[int]) -> tuple[list[int], str] | None:
         """The users whose latest ranges one shift explains so much better that they are there; who may be is noted."""
         m = self._parameters.integrity
         present = np.unique(np.concatenate([self._recent.i, self._recent.j])).tolist()
@@ -84,7 +84,7 @@ class Contradictions:
             for found in shifted(self._recent, now, window, grows, self._parameters):
                 length = float(np.linalg.norm(found.shift))
                 wrong = self._wrong(found.users, present, gauge)
-                gain = found.gain - m.shift_cost * len(wrong & registered)
+                gain = found.gain - m.shift_cost * len(wrong & trusted)
                 if length > m.shift_least and gain > likely.get(wrong, (0.0, 0.0))[0]:
                     likely[wrong] = gain, length
         best = max((gain for gain, _ in likely.values()), default=0.0)

@@ -609,8 +609,7 @@ class Engine:
         if members is None:
             return
         gauge = self.gauge
-        registered = frozenset(u for u in tracking.members if u == self.reference or self.standings[u].is_registered)
-        contradicted = self._contradictions.found(self.now, gauge, registered)
+        contradicted = self._contradictions.found(self.now, gauge, self._trusted())
         if contradicted is not None:
             users, reason = contradicted
             for user in users:
@@ -645,6 +644,12 @@ class Engine:
             standing.state, standing.reason = state, reason
             if changed:
                 self._tell(user)
+
+    def _trusted(self) -> frozenset[int]:
+        """Who is registered, and was not contradicted lately: of these more is needed to say that they moved."""
+        since = self.now - self.parameters.integrity.doubted_duration
+        told = {self.reference, *(u for u, standing in enumerate(self.standings) if standing.is_registered)}
+        return frozenset(u for u in told if self.standings[u].doubted_at < since)
 
     def _tell_cues(self) -> None:
         """Once a slot: which way those should walk whose places are not known well enough."""
