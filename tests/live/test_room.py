@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from synchronizar.geometry import YawFrame
-from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, encode_ranges
+from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, decode_order, encode_ranges
 from synchronizar.live import messages as m
 from synchronizar.live.lobby import TOKEN_S, TRIES_A_MINUTE, Lobby
 from synchronizar.live.messages import MessageError
@@ -277,6 +277,43 @@ def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone
     assert ranges[0].optional == {"source": "module", "sigma": 0.05, "rx_power": -80.0, "fp_power": -81.0, "nlos": 0.0}
     refused_ = house.room.status().refused
     assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "peer": 1}
+
+
+def test_modules_are_told_to_sleep_when_all_are_registered_and_to_range_on_when_one_is_not() -> None:
+    house = House()
+    for name, address in (("alice", 7), ("bob", 8)):
+        house.room.hear(house.enter(name)[0], m.Module(name, address))
+    own = house.room.keys.of(7)
+
+    def orders(seconds: float, begin: int) -> set[int]:
+        """s of sleep that alice's module is told meanwhile, where it takes no orders."""
+        told = set()
+        for n in range(begin, begin + round(10 * seconds)):
+            house.clock.t += 0.1
+            word = datagram(house, 7, 8, n, 5.0 + 0.1 * n, 4000, own)
+            heard = house.room.hear_datagram(word, house.clock.t)
+            assert heard is not None
+            for order in house.room.orders_for(heard, house.clock.t):
+                read = decode_order(order, own)
+                assert (read.module, read.sequence) == (7, n)
+                told.add(read.sleep_s)
+            house.room.tick()
+        return told
+
+    def states(bob: str) -> None:
+        users = {"alice": user_frame(YawFrame()), "bob": user_frame(YawFrame(), bob)}
+        house.room.told(Told(house.clock.t, 1, "alice", users, [], [], 0.01))
+
+    states("unobservable")
+    assert orders(30.0, 0) == {0}
+    states("registered")
+    assert orders(19.0, 300) == {0}
+    assert max(orders(20.0, 490)) > 1
+    assert house.room.status().users["alice"].asleep
+    states("ambiguous")
+    orders(1.0, 690)
+    assert orders(20.0, 700) == {0}
+    assert not house.room.status().users["alice"].asleep
 
 
 def test_recorded_time_is_what_its_client_says_and_the_answer_comes_to_it() -> None:
