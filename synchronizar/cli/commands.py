@@ -221,6 +221,7 @@ def _serve(options: argparse.Namespace) -> None:
         port=options.port,
         udp_port=options.udp_port,
         allow_version_1=options.allow_version_1,
+        keep_awake=options.keep_awake,
         record=options.record,
         resume=options.resume,
         public_url=options.public_url,

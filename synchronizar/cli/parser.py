@@ -153,6 +153,11 @@ def _add_live_commands(commands: Any, commands_by_name: Mapping[str, Command]) -
     serve.add_argument(
         "--allow-version-1", action="store_true", help="take modules that all sign with the room's own key"
     )
+    serve.add_argument(
+        "--keep-awake",
+        action="store_true",
+        help="modules range all the time [they sleep while nobody needs ranges]",
+    )
     serve.add_argument("--json", action="store_true", help="print one line of JSON once it listens")
     serve.set_defaults(command=commands_by_name["serve"])
 

@@ -24,15 +24,18 @@ from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
 from synchronizar.live.pose_wire import PoseDown, PosesDown, decode_poses_up, encode_poses_down
 from synchronizar.live.roster import KnownDevice, Roster
-from synchronizar.live.sleeping import Sleeping, standing_of
+from synchronizar.live.sleeping import Sleeping, Standing, standing_of
 from synchronizar.live.solver import Solver
 from synchronizar.live.solver_wire import AddUser, Lost, NewestRange, NewFrame, Pose, Range, Told
+from synchronizar.parameters import SleepParameters
 from synchronizar.quaternions import multiply_quaternions, yaw_quaternion
 
 UPDATES_A_SECOND = 10
 FRAMES_AT_LEAST_EVERY = 0.5
 """s between frames that are told though nothing has changed."""
 STATUS_EVERY = 1.0
+STANDINGS_EVERY = 0.5
+"""s between looks at whose modules are needed."""
 FROM_THE_FUTURE = 0.5
 """s: a stamp further ahead of the room's clock is refused."""
 TOO_OLD = 10.0
@@ -127,18 +130,19 @@ class Room:
         app: str | None = None,
         allow_version_1: bool = False,
         saved: Callable[[m.Object | str], None] | None = None,
+        sleep: SleepParameters | None = None,
     ) -> None:
         """`now`: the room's clock (s). `key`: 32 bytes from which modules' keys are derived.
 
         `allow_version_1`: whether modules may all sign with the room's own key. `saved` hears each object that changes,
-        and the id of each one that is gone.
+        and the id of each one that is gone. `sleep`: when modules sleep.
         """
         self.code, self.now, self.udp_port, self.app = code, now, udp_port, app
         self.key = key or secrets.token_bytes(32)
         self.radio_session = int.from_bytes(blake2s(self.key, digest_size=4, person=b"session").digest(), "little")
         self.keys = RoomKeys(self.radio_session, self.key, allow_version_1)
         self.receiver = Receiver(self.keys)
-        self._sleeping = Sleeping()
+        self.sleeping = Sleeping(sleep)
         self.devices: dict[str, Device] = {}
         self.clients: set[Client] = set()
         self.modules: dict[int, str] = {}
@@ -157,7 +161,7 @@ class Room:
         """Hears whether time is a recording's, when the first device comes."""
         self._recorder = recorder
         self._ranges: list[NewestRange] = []
-        self._told_at = self._frames_at = self._status_at = self._asked_at = -np.inf
+        self._told_at = self._frames_at = self._status_at = self._asked_at = self._stood_at = -np.inf
         self._empty_since = now()
         self._sequence = 0
         self._finishing: list[Client] = []
@@ -284,14 +288,13 @@ class Room:
                 if a is None or b is None:
                     self.refused["peer"] += 1
                 else:
-                    self._sleeping.ranged(arrived, a, b)
                     self._take_range(measured.t, a, b, measured.distance, self._with_antennas(a, b, measured.optional))
         return taken.datagram
 
     def orders_for(self, heard: RangesDatagram, now: float) -> list[bytes]:
-        """What a module is told in answer to a datagram: to sleep, to range on, or nothing."""
-        name = self.modules.get(heard.reporter)
-        sleep_s = None if name is None else self._sleeping.answer(now, name)
+        """What a module is told in answer to a datagram."""
+        user = self.modules.get(heard.reporter)
+        sleep_s = None if user is None else self.sleeping.answer(now, user)
         if sleep_s is None:
             return []
         order = OrderDatagram(self.radio_session, heard.reporter, heard.sequence, sleep_s)
@@ -321,9 +324,6 @@ class Room:
             self._frames_at = told.t
             self._broadcast_latest("frames", m.encode(self.frames))
         self.objects.place_waiting(self._in_common, self.time())
-        with_modules = set(self.modules.values())
-        standings = {name: standing_of(u.state, u.sigma) for name, u in told.users.items() if name in with_modules}
-        self._sleeping.update(self.now(), standings)
 
     def finished(self, registration: dict[str, Any]) -> None:
         """The answer that somebody asked for."""
@@ -346,6 +346,9 @@ class Room:
         if self.solver is not None and not self.recorded and t - self._asked_at >= 0.999 / UPDATES_A_SECOND:
             self._asked_at = t
             self.solver.advance(t)
+        if t - self._stood_at >= STANDINGS_EVERY or t < self._stood_at:
+            self._stood_at = t
+            self.sleeping.update(t, self._standings())
         self.objects.expire(t)
         if (changes := self.objects.changes()) is not None:
             self._broadcast(changes)
@@ -366,7 +369,7 @@ class Room:
                 _rate(device.poses, t),
                 _rate(device.ranges, t),
                 None if device.round_trip is None else 500.0 * device.round_trip,
-                self._sleeping.is_asleep(self.now(), device.name),
+                self.sleeping.is_asleep(t, device.name),
                 dict(device.refused),
             )
             for device in self.devices.values()
@@ -532,6 +535,7 @@ class Room:
     def _take_range(self, t: float, a: str, b: str, distance: float, optional: dict[str, Any]) -> None:
         for name in (a, b):
             self.devices[name].ranges.append(t)
+        self.sleeping.ranged(t, a, b)
         self._feed(Range(t, a, b, distance, optional))
         if self._recorder is not None:
             frames = self.devices[a].session, self.devices[b].session
@@ -614,6 +618,19 @@ class Room:
             state = self.frames.users[device.name].state
             out.append(PoseDown(device.index, state, device.frame, max(0.0, t - at), position, quat))
         return out
+
+    def _standings(self) -> dict[str, Standing]:
+        """How those stand who are here."""
+        standings = {}
+        for device in self.devices.values():
+            told = self.frames.users.get(device.name)
+            if device.client is None and not device.settings.static:
+                continue
+            if told is None or told.frame != device.frame:
+                standings[device.name] = Standing(registered=False, sigma=np.inf)
+            else:
+                standings[device.name] = standing_of(told.state, told.sigma)
+        return standings
 
     def _members(self) -> list[m.Member]:
         return [device.member() for device in self.devices.values()]

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from aiohttp import web
 
@@ -28,6 +28,7 @@ from synchronizar.live.room_host import RoomClock, RoomHost
 from synchronizar.live.roster import Roster, read_roster
 from synchronizar.live.udp import UdpPort
 from synchronizar.live.web import application
+from synchronizar.parameters import SleepParameters
 
 if TYPE_CHECKING:
     from synchronizar.live.webtransport import WebTransportPort
@@ -49,6 +50,8 @@ class ServerOptions:
     """Where modules send their ranges; 0: any that is free."""
     allow_version_1: bool = False
     """Whether modules may sign with the room's own key, as in version 1 of their protocol."""
+    keep_awake: bool = False
+    """Whether modules range all the time."""
     record: Path | None = None
     """A folder in which each room writes its own."""
     resume: bool = False
@@ -138,11 +141,8 @@ class Server:
 
     def open_room(self) -> Room:
         """One more room. Raises InputError where its folder cannot be written."""
-        allowed = self.options.allow_version_1
         if self.options.record is None:
-            return self._host(
-                Room(new_code(), self.clock, udp_port=self._udp_port, allow_version_1=allowed), None, None
-            )
+            return self._host(Room(new_code(), self.clock, udp_port=self._udp_port, **self._modules()), None, None)
         name = f"room-{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}"
         return self._recorded_room(self.options.record / name, None)
 
@@ -159,12 +159,16 @@ class Server:
     def _udp_port(self) -> int | None:
         return None if self._udp is None else self._udp.port
 
+    def _modules(self) -> dict[str, Any]:
+        """What holds for modules in all rooms."""
+        sleep = SleepParameters(settled=float("inf")) if self.options.keep_awake else None
+        return {"allow_version_1": self.options.allow_version_1, "sleep": sleep}
+
     def _recorded_room(self, folder: Path, roster: Roster | None) -> Room:
         recorder = FolderRecorder(folder)
         objects = ObjectFile(folder / OBJECTS_FILE)
         code, key = (new_code(), None) if roster is None else (roster.code, bytes.fromhex(roster.key))
-        allowed = self.options.allow_version_1
-        room = Room(code, self.clock, key, recorder, self._udp_port, allow_version_1=allowed, saved=objects.save)
+        room = Room(code, self.clock, key, recorder, self._udp_port, saved=objects.save, **self._modules())
         return self._host(room, recorder, objects, roster)
 
     def _host(

@@ -279,36 +279,41 @@ def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone
     assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "peer": 1}
 
 
-def test_modules_are_told_to_sleep_once_their_users_are_registered_and_to_wake_when_one_is_not() -> None:
+def test_modules_are_told_to_sleep_when_all_are_registered_and_to_range_on_when_one_is_not() -> None:
     house = House()
-    alice, _ = house.enter("alice")
-    bob, _ = house.enter("bob")
-    house.room.hear(alice, m.Module("alice", 7))
-    house.room.hear(bob, m.Module("bob", 8))
-    key = house.room.keys.of(7)
-    orders: list[tuple[float, int]] = []
+    for name, address in (("alice", 7), ("bob", 8)):
+        house.room.hear(house.enter(name)[0], m.Module(name, address))
+    own = house.room.keys.of(7)
 
-    def range_for(seconds: float, bob_state: str) -> None:
-        for _ in range(round(10 * seconds)):
+    def orders(seconds: float, begin: int) -> set[int]:
+        """s of sleep that alice's module is told meanwhile, where it takes no orders."""
+        told = set()
+        for n in range(begin, begin + round(10 * seconds)):
             house.clock.t += 0.1
-            t = house.clock.t
-            users = {"alice": user_frame(YawFrame()), "bob": user_frame(YawFrame(), bob_state)}
-            house.room.told(Told(t, 1, "alice", users, [], [], 0.0))
-            heard = house.room.hear_datagram(datagram(house, 7, 8, round(10 * t), t, 3000, key), t + 0.002)
+            word = datagram(house, 7, 8, n, 5.0 + 0.1 * n, 4000, own)
+            heard = house.room.hear_datagram(word, house.clock.t)
             assert heard is not None
-            orders.extend((t, decode_order(order, key).sleep_s) for order in house.room.orders_for(heard, t))
+            for order in house.room.orders_for(heard, house.clock.t):
+                read = decode_order(order, own)
+                assert (read.module, read.sequence) == (7, n)
+                told.add(read.sleep_s)
+            house.room.tick()
+        return told
 
-    range_for(5.0, "unobservable")
-    assert {sleep for _, sleep in orders} == {0}
-    orders.clear()
-    range_for(30.0, "registered")
-    first = next(t for t, sleep in orders if sleep > 0)
-    assert first > house.clock.t - 15.0
+    def states(bob: str) -> None:
+        users = {"alice": user_frame(YawFrame()), "bob": user_frame(YawFrame(), bob)}
+        house.room.told(Told(house.clock.t, 1, "alice", users, [], [], 0.01))
+
+    states("unobservable")
+    assert orders(30.0, 0) == {0}
+    states("registered")
+    assert orders(19.0, 300) == {0}
+    assert max(orders(20.0, 490)) > 1
     assert house.room.status().users["alice"].asleep
-    orders.clear()
-    range_for(4.0, "ambiguous")
-    assert orders
-    assert {sleep for _, sleep in orders} == {0}
+    states("ambiguous")
+    orders(1.0, 690)
+    assert orders(20.0, 700) == {0}
+    assert not house.room.status().users["alice"].asleep
 
 
 def test_recorded_time_is_what_its_client_says_and_the_answer_comes_to_it() -> None:
