@@ -17,8 +17,6 @@ from synchronizar.live.client import Client
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
-pytestmark = pytest.mark.skipif(browser.why_not() is not None, reason=str(browser.why_not()))
-
 PHONE, NATIVE = "phone1", ("phone0", "phone2")
 # Where each of the others is drawn, in the phone's own frame, whenever something new is drawn.
 LOG = """() => {
@@ -52,6 +50,12 @@ def sigmas_off(simulation: Simulation, drawn: list[list[Any]], began: float) -> 
 def own_frame(simulation: Simulation) -> YawFrame:
     """The phone's own frame in the room's: its SLAM does not drift."""
     return simulation.world_from_user[PHONE]
+
+
+@pytest.fixture(autouse=True)
+def _chromium() -> None:
+    if reason := browser.why_not():
+        pytest.skip(reason)
 
 
 async def registered(page: Any) -> None:
@@ -117,5 +121,7 @@ def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_see
         assert np.percentile(sigmas_off(simulation, drawn, out["began"]), 95) < 2.5
     marker = out["objects"][0]
     assert (marker["kind"], marker["by"], len(out["objects"])) == ("marker", PHONE, 1)
+    qx, qy, qz, qw = marker["quat_xyzw"]
+    assert abs(qx) + abs(qy) < 0.01  # upright
     assert out["shown"] == [[marker["id"]], 0]
     assert out["member"]["frame"] == 1
