@@ -550,11 +550,11 @@ class SmoothingParameters:
     """How the frame that a page shows follows the one that is solved (`live.smoothing`)."""
 
     dead_band: float = 0.01
-    """m: an error of the shown frame that nobody sees; it is left alone, as is one that is less than 1 sigma."""
+    """m: an error of the shown frame that nobody sees. It is left alone, as is one of less than 1 sigma, ..."""
     arm: float = 3.0
     """m: how far away things stand that a turn or a scale moves."""
     settled: float = 0.5
-    """Once followed, an error is followed down to this share of the band, lest the noise at its edge is followed."""
+    """... but what is followed is followed down to this share of the dead band: seldom, and then all the way."""
     least_speed: float = 0.02
     """m/s at which things may always move, ..."""
     rate: float = 0.2

@@ -1,4 +1,4 @@
-"""A server of a test's own, and native devices that walk as a recording says while people (or pages) walk beside them."""
+"""A server of one's own, and native devices that walk as a recording says while pages walk beside them."""
 
 from __future__ import annotations
 

@@ -130,8 +130,8 @@ class Smoother:
     def _share(self, which: int, error: float, sigma: float, arm: float, factor: float) -> float:
         """Which share of an error (m, or over `arm` m: rad, log) is taken back now."""
         p = self.parameters
-        band = max(p.dead_band / arm, sigma)
-        self._following[which] = error > (p.settled * band if self._following[which] else band)
+        band = p.settled * p.dead_band / arm if self._following[which] else max(p.dead_band / arm, sigma)
+        self._following[which] = error > band
         if not self._following[which]:
             return 0.0
         return min(1.0, factor * (p.least_speed / arm + p.rate * error) / error)

@@ -49,6 +49,9 @@ export function between(a, b, share) {
 
 const Z_UP_FROM_Y_UP = [0.5, -0.5, -0.5, 0.5];
 
+/** The attitude x y z w, in a y-up device's own axes, of a thing that stands upright and whose own axes are z up. */
+export const UPRIGHT_IN_Y_UP = Object.freeze([-0.5, 0.5, 0.5, 0.5]);
+
 /** `common_from_user` of a told frame as {x, y, z, yaw, scale}, between z-up axes; null where there is none. */
 export function placingOf(frame) {
   if (!frame || frame.matrix === null || frame.x === null) return null;

@@ -131,8 +131,8 @@ export class Smoother {
   /** Which share of an error (m, or over `arm` m: rad, log) is taken back now. */
   #share(which, error, sigma, arm, factor) {
     const p = this.parameters;
-    const band = Math.max(p.dead_band / arm, sigma);
-    this.#following[which] = error > (this.#following[which] ? p.settled * band : band);
+    const band = this.#following[which] ? (p.settled * p.dead_band) / arm : Math.max(p.dead_band / arm, sigma);
+    this.#following[which] = error > band;
     if (!this.#following[which]) return 0;
     return Math.min(1, (factor * (p.least_speed / arm + p.rate * error)) / error);
   }

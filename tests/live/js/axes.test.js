@@ -32,6 +32,11 @@ test("a phone that is held upright looks where its own -z shows in the common fr
   assert.ok(Math.abs(axes.heading(axes.commonAttitude(placing, [0, 0, 0, 1], "z"), "z") - 0.7) < 1e-12);
 });
 
+test("a thing that stands upright in a phone's own axes stands upright in the common frame", () => {
+  const attitude = axes.commonAttitude(placing, axes.UPRIGHT_IN_Y_UP, "y");
+  near(axes.turned(attitude, [0, 0, 1]), [0, 0, 1]);
+});
+
 test("a frame that is not told has no placing", () => {
   assert.equal(axes.placingOf({ matrix: null, x: null }), null);
   assert.equal(axes.placingOf(undefined), null);

@@ -6,8 +6,9 @@ import { covarianceAt, ellipse } from "../smoothing.js";
 /** s of everybody's track that are kept, and m between two points of it. */
 export const TRAIL_S = 20;
 const TRAIL_STEP_M = 0.05;
-/** m: a longer step in between is a correction or a jump, and no walk. */
+/** m, and m/s: a longer step in between is a correction or a jump, and no walk. */
 const TRAIL_GAP_M = 0.6;
+const FASTEST = 3;
 const MOST_EVENTS = 200;
 /** s after which a pose is old, and whoever it is of is drawn faded. */
 export const OLD_S = 1.5;
@@ -105,7 +106,7 @@ export class RoomModel {
 export function extend(trail, t, x, y) {
   const last = trail.at(-1);
   const step = last ? Math.hypot(x - last.x, y - last.y) : Infinity;
-  if (last && step > TRAIL_GAP_M) trail.push(null);
+  if (last && step > Math.max(TRAIL_GAP_M, FASTEST * (t - last.t))) trail.push(null);
   if (step >= TRAIL_STEP_M) trail.push({ t, x, y });
   while (trail.length && (trail[0] === null || trail[0].t < t - TRAIL_S)) trail.shift();
 }

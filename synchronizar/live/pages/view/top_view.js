@@ -10,13 +10,16 @@ const RANGE_S = 1.5;
 const SIGMAS = 2.45;
 /** m: a wider ellipse says no more than that nothing is known. */
 const WIDEST_M = 8;
-const DOT = 8;
+/** Of a device, and how far it is seen to look, in letters' heights. */
+const DOT = 0.57;
+const SIGHT = 2.4;
 
 export class TopView {
   #canvas;
   #model;
   #camera = new Camera();
   #at = null;
+  #dot = 8;
   #drag = null;
 
   constructor(canvas, model) {
@@ -101,6 +104,7 @@ export class TopView {
     paint.setTransform(ratio, 0, 0, ratio, 0, 0);
     paint.clearRect(0, 0, this.#camera.width, this.#camera.height);
     paint.font = style.font;
+    this.#dot = DOT * parseFloat(style.fontSize);
     paint.lineJoin = paint.lineCap = "round";
     this.#grid(paint, colours);
     for (const user of users) this.#trail(paint, user);
@@ -192,13 +196,14 @@ export class TopView {
     if (!pose) return;
     const [x, y] = this.#camera.toScreen([pose.x, pose.y]);
     const sure = pose.state === "registered";
+    const dot = this.#dot;
     paint.globalAlpha = here && pose.age < OLD_S ? 1 : 0.45;
     paint.fillStyle = paint.strokeStyle = colourOf(index);
     if (pose.heading !== null) {
       // A wedge of what it looks at, as wide as a phone's camera.
       paint.beginPath();
       paint.moveTo(x, y);
-      paint.arc(x, y, 34, -pose.heading - 0.5, -pose.heading + 0.5);
+      paint.arc(x, y, (SIGHT / DOT) * dot, -pose.heading - 0.5, -pose.heading + 0.5);
       paint.closePath();
       paint.save();
       paint.globalAlpha *= 0.3;
@@ -206,8 +211,8 @@ export class TopView {
       paint.restore();
     }
     paint.beginPath();
-    if (user.static) paint.rect(x - DOT * 0.8, y - DOT * 0.8, 1.6 * DOT, 1.6 * DOT);
-    else paint.arc(x, y, DOT, 0, 2 * Math.PI);
+    if (user.static) paint.rect(x - dot * 0.8, y - dot * 0.8, 1.6 * dot, 1.6 * dot);
+    else paint.arc(x, y, dot, 0, 2 * Math.PI);
     paint.lineWidth = 2.5;
     if (sure) {
       paint.fill();
@@ -226,9 +231,11 @@ export class TopView {
   /** Each name beside its device, on the first side where nobody else and no other name is. */
   #names(paint, users, colours) {
     const shown = users.filter(({ pose }) => pose);
+    const dot = this.#dot;
+    const line = 2 * dot;
     const taken = shown.map(({ pose }) => {
       const [x, y] = this.#camera.toScreen([pose.x, pose.y]);
-      return [x - DOT, y - DOT, x + DOT, y + DOT];
+      return [x - dot, y - dot, x + dot, y + dot];
     });
     paint.save();
     paint.font = `600 ${paint.font}`;
@@ -237,15 +244,15 @@ export class TopView {
       const words = pose.state === "registered" ? name : `${name} ?`;
       const width = paint.measureText(words).width;
       const boxes = [
-        [x + DOT + 4, y - DOT - 14],
-        [x - DOT - 4 - width, y - DOT - 14],
-        [x + DOT + 4, y + DOT - 2],
-        [x - DOT - 4 - width, y + DOT - 2],
-      ].map(([left, top]) => [left, top, left + width, top + 16]);
+        [x + dot + 4, y - dot - 0.85 * line],
+        [x - dot - 4 - width, y - dot - 0.85 * line],
+        [x + dot + 4, y + dot - 2],
+        [x - dot - 4 - width, y + dot - 2],
+      ].map(([left, top]) => [left, top, left + width, top + line]);
       const box = boxes.find((one) => !taken.some((other) => overlap(one, other))) ?? boxes[0];
       taken.push(box);
       paint.globalAlpha = here && pose.age < OLD_S ? 1 : 0.6;
-      text(paint, words, box[0], box[1] + 8, colours, "left");
+      text(paint, words, box[0], box[1] + dot, colours, "left");
     }
     paint.restore();
   }

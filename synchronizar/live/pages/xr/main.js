@@ -1,5 +1,6 @@
 /** The phone's page: walk in with AR, then see the others and the room's objects where they are. */
 
+import { UPRIGHT_IN_Y_UP, turned } from "../axes.js";
 import { stampOf } from "../clock.js";
 import { byId, say } from "../dom.js";
 import { JoinError, RoomClient } from "../protocol.js";
@@ -7,7 +8,6 @@ import { Banner } from "../view/banner.js";
 import { colourOf } from "../view/colours.js";
 import { addressOf, codeOf, recalled, remember, spelled } from "../visit.js";
 import { connection, metres } from "../words.js";
-import { turned } from "../axes.js";
 import { canShowAr } from "./ability.js";
 import { Avatars } from "./avatars.js";
 import { Objects } from "./objects.js";
@@ -116,7 +116,7 @@ class Visit {
     if (!this.#own) return;
     const ahead = turned(this.#own.quat_xyzw, [0, 0, -MARK_AHEAD]);
     const position = this.#own.position.map((v, i) => v + ahead[i]);
-    const id = this.#client.create({ kind: "marker", user: name, position });
+    const id = this.#client.create({ kind: "marker", user: name, position, quat_xyzw: UPRIGHT_IN_Y_UP });
     this.#objects.wait(id, "marker", position, colourOf(this.#client.member(name)?.index ?? 0, true));
     if (!this.#frame.registered) this.#overlay.notice("The others see your marker once the room knows where you are.");
   }

@@ -9,6 +9,7 @@ import {
   SphereGeometry,
 } from "../vendor/three/three.module.min.js";
 
+import { UPRIGHT_IN_Y_UP } from "../axes.js";
 import { colourOf } from "../view/colours.js";
 import { dispose, label } from "./label.js";
 
@@ -51,8 +52,7 @@ export class Objects {
     const ghost = shape(kind, colour);
     ghost.material.opacity = 0.4;
     ghost.position.set(...position);
-    // Shapes are z up, the device's own frame is y up.
-    ghost.rotation.set(-Math.PI / 2, 0, 0);
+    ghost.quaternion.set(...UPRIGHT_IN_Y_UP);
     this.#own.add(ghost);
     this.#waiting.set(id, ghost);
   }
