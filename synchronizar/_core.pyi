@@ -304,6 +304,21 @@ def neighbour_sums(
     their score products are divided by their pair's own variance.
     """
 
+def followed_residuals(
+    ranges: Array, columns: tuple[int, int, int, int, int, int], states: Array, users: int, first: int
+) -> Array:
+    """(n,) m, predicted minus measured, of ranges (n, c) of many slots at states (slots * users, 7) from `first` on.
+
+    `columns` are those of both users, of the slot, of the distance, and the first of nine of each end: offset, lever
+    and velocity (3,) each. States are x, y, yaw, height, log scale, radio bias and clock offset, slot by slot.
+    """
+
+def poses_at(table: Array, columns: tuple[int, int, int], t: Array, longest: float) -> tuple[Array, Array, Mask]:
+    """(n, 3) positions, (n, 4) attitudes at times t (n,) and whether they are known, as `data.track.interpolated`.
+
+    `table` (m, c) has a pose a row; `columns` are those of stamps, and the first ones of positions and attitudes.
+    """
+
 def mixture_terms(whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture) -> tuple[Array, Array, Array]:
     """(n,) each: loss, weight and probability of line of sight of ranges with these whitened residuals."""
 

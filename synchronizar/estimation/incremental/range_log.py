@@ -66,10 +66,10 @@ class RangeLog:
     def forget(self, before: float) -> None:
         """Ranges that are older than `before` (s)."""
         kept = self.rows[:, _T] >= before
+        self._latest.difference_update(map(tuple, self.rows[~kept, :4].tolist()))
         left = self.rows[kept].copy()
         self._table[: len(left)] = left
         self._count, self._taken = len(left), int(kept[: self._taken].sum())
-        self._latest = {tuple(row) for row in left[:, :4].tolist()}
 
     def take(self) -> Array:
         """(n, columns): those added since the last call."""
