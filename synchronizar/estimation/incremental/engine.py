@@ -213,8 +213,9 @@ class Engine:
             return
         if len(rows):
             i, j = self.log.users(rows)
-            members = list(tracking.members)
-            tracking.add(self.log.to_follow(rows[np.isin(i, members) & np.isin(j, members)]))
+            followed = np.zeros(len(self.users), dtype=bool)
+            followed[list(tracking.members)] = True
+            tracking.add(self.log.to_follow(rows[followed[i] & followed[j]]))
         doubted = {u for u, stream in enumerate(self.streams) if stream is not None and stream.suspect is not None}
         try:
             tracking.advance(self.now, doubted)
