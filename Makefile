@@ -14,10 +14,14 @@ export FUZZ_SECONDS ?= 5
 STUDIES := $(addprefix paper.,sampling_space distance sample_count pointing traces) \
 	$(addprefix sweeps.,sweeps ranges_needed beside_bound beside_recordings)
 
-.PHONY: demo modules test lint docs sizes bench experiments clean
+.PHONY: demo live modules test lint docs sizes bench experiments clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m experiments.demo --out demo
+
+# A room on this machine, with walkers whose modules range in the simulated air, and the page that shows them.
+live: $(VENV)/tested-with
+	$(BIN)/python -m experiments.live.room
 
 # The modules' firmware in the simulated air, from walks to registration.
 modules: $(VENV)/tested-with

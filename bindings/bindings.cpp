@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "factors/adjustment.h"
+#include "factors/common_shift.h"
 #include "factors/followed_ranges.h"
 #include "factors/height_search.h"
 #include "factors/neighbours.h"
@@ -434,15 +435,13 @@ NB_MODULE(_core, m) {
       "bounds"_a, "t"_a, "link"_a, "score"_a, "weight"_a, "gap"_a, "most"_a);
 
   m.def(
-      "followed_residuals",
+      "followed_apart",
       [](const FollowedRanges& ranges, const std::array<int, 6>& columns,
          const Eigen::Ref<const FollowedStates>& states, int users, int first) {
         const auto n = static_cast<int>(ranges.cols());
         const FollowedColumns of{columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]};
-        for (int k = 0; k < 6; ++k) {
-          const int width = k < 4 ? 1 : 9;
-          require(columns[static_cast<size_t>(k)] >= 0 && columns[static_cast<size_t>(k)] + width <= n,
-                  "the ranges have no such column");
+        for (size_t k = 0; k < 6; ++k) {
+          require(columns[k] >= 0 && columns[k] + (k < 4 ? 1 : 9) <= n, "the ranges have no such column");
         }
         require(users > 0 && states.rows() % users == 0, "states must be those of all users, slot by slot");
         const double slots = static_cast<double>(states.rows() / users);
@@ -451,7 +450,8 @@ NB_MODULE(_core, m) {
           require(i >= 0.0 && i < users && j >= 0.0 && j < users, "a range names a user that is not there");
           require(slot >= 0.0 && slot < slots, "a range is of a slot that is not there");
         }
-        return followed_residuals(ranges, of, states, users, first);
+        const FollowedApart found = followed_apart(ranges, of, states, users, first);
+        return std::tuple(found.away, found.bias, found.residual);
       },
       "ranges"_a, "columns"_a, "states"_a, "users"_a, "first"_a);
 
@@ -531,6 +531,34 @@ NB_MODULE(_core, m) {
         return std::pair(found.nlos_odds, found.cost);
       },
       "bounds"_a, "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
+
+  m.def(
+      "common_shift",
+      [](const Numbers& bounds, const Column& t, const Points& away, const Column& distance, const Column& sigma,
+         const Column& nlos_odds, const Column& share, const Column& weight, const Eigen::Vector3d& precision,
+         const Points& starts, const NlosMixture& loss, const Bursts& bursts) {
+        const auto n = t.size();
+        check_bounds(bounds, n);
+        require(away.rows() == n && distance.size() == n && sigma.size() == n && nlos_odds.size() == n &&
+                    share.size() == n,
+                "all columns must be (n,), away (n, 3)");
+        require(weight.size() + 1 == bounds.size(), "weight must be (p,)");
+        require(t.allFinite() && away.allFinite() && distance.allFinite() && share.allFinite() &&
+                    weight.allFinite() && starts.allFinite(),
+                "numbers must be finite");
+        require(sigma.allFinite() && (sigma.array() > 0.0).all() && (precision.array() > 0.0).all(),
+                "sigma and precision must be positive");
+        require(nlos_odds.allFinite() && (nlos_odds.array() >= 0.0).all(), "odds must not be negative");
+        for (Eigen::Index p = 0; p + 1 < bounds.size(); ++p) {
+          require(std::is_sorted(t.begin() + bounds[p], t.begin() + bounds[p + 1]),
+                  "t must be sorted within a pair");
+        }
+        const CommonShift found = common_shift({bounds, t, away, distance, sigma, nlos_odds, share, weight},
+                                               precision, starts, loss, bursts);
+        return std::pair(found.shift, found.gain);
+      },
+      "bounds"_a, "t"_a, "away"_a, "distance"_a, "sigma"_a, "nlos_odds"_a, "share"_a, "weight"_a, "precision"_a,
+      "starts"_a, "loss"_a, "bursts"_a);
 
   m.def(
       "search_heights",

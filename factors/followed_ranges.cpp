@@ -4,15 +4,15 @@
 
 namespace synchronizar {
 
-Column followed_residuals(const FollowedRanges& ranges, const FollowedColumns& columns,
-                          const Eigen::Ref<const FollowedStates>& states, Eigen::Index users,
-                          Eigen::Index first) {
+FollowedApart followed_apart(const FollowedRanges& ranges, const FollowedColumns& columns,
+                             const Eigen::Ref<const FollowedStates>& states, Eigen::Index users,
+                             Eigen::Index first) {
   // Of each state: cosine and sine of yaw, scale.
   Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> turned(states.rows(), 3);
   turned.col(0) = states.col(2).array().cos();
   turned.col(1) = states.col(2).array().sin();
   turned.col(2) = states.col(4).array().exp();
-  Column out(ranges.rows());
+  FollowedApart out{Points(ranges.rows(), 3), Column(ranges.rows()), Column(ranges.rows())};
   for (Eigen::Index n = 0; n < ranges.rows(); ++n) {
     const auto row = ranges.row(n);
     const Eigen::Index begin = (static_cast<Eigen::Index>(row[columns.slot]) - first) * users;
@@ -27,8 +27,10 @@ Column followed_residuals(const FollowedRanges& ranges, const FollowedColumns& c
     };
     const Eigen::Index i = begin + static_cast<Eigen::Index>(row[columns.user_i]);
     const Eigen::Index j = begin + static_cast<Eigen::Index>(row[columns.user_j]);
-    out[n] = (antenna(i, columns.end_i) - antenna(j, columns.end_j)).norm() + states(i, 5) + states(j, 5) -
-             row[columns.measured];
+    const Vector3 away = antenna(i, columns.end_i) - antenna(j, columns.end_j);
+    out.away.row(n) = away.transpose();
+    out.bias[n] = states(i, 5) + states(j, 5);
+    out.residual[n] = away.norm() + out.bias[n] - row[columns.measured];
   }
   return out;
 }

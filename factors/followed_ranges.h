@@ -18,9 +18,14 @@ constexpr int kStateColumns = 7;
 using FollowedStates = Eigen::Matrix<double, Eigen::Dynamic, kStateColumns, Eigen::RowMajor>;
 using FollowedRanges = Eigen::Ref<const Matrix, 0, Eigen::OuterStride<>>;
 
-// Predicted minus measured (m) of each range. A user u's state at slot n is row (n - first) * users + u.
-Column followed_residuals(const FollowedRanges& ranges, const FollowedColumns& columns,
-                          const Eigen::Ref<const FollowedStates>& states, Eigen::Index users,
-                          Eigen::Index first);
+struct FollowedApart {
+  Points away;            // m, from j's antenna to i's
+  Column bias, residual;  // m: what both radios add; predicted minus measured
+};
+
+// Of each range. A user u's state at slot n is row (n - first) * users + u.
+FollowedApart followed_apart(const FollowedRanges& ranges, const FollowedColumns& columns,
+                             const Eigen::Ref<const FollowedStates>& states, Eigen::Index users,
+                             Eigen::Index first);
 
 }  // namespace synchronizar

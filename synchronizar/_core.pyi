@@ -304,13 +304,14 @@ def neighbour_sums(
     their score products are divided by their pair's own variance.
     """
 
-def followed_residuals(
+def followed_apart(
     ranges: Array, columns: tuple[int, int, int, int, int, int], states: Array, users: int, first: int
-) -> Array:
-    """(n,) m, predicted minus measured, of ranges (n, c) of many slots at states (slots * users, 7) from `first` on.
+) -> tuple[Array, Array, Array]:
+    """Of ranges (n, c) of many slots: (n, 3) m from j's antenna to i's, (n,) m that radios add, (n,) m residuals.
 
-    `columns` are those of both users, of the slot, of the distance, and the first of nine of each end: offset, lever
-    and velocity (3,) each. States are x, y, yaw, height, log scale, radio bias and clock offset, slot by slot.
+    `states` (slots * users, 7) are x, y, yaw, height, log scale, radio bias and clock offset, slot by slot, from slot
+    `first` on. `columns` are those of both users, of the slot, of the distance, and the first of nine of each end:
+    offset, lever and velocity (3,) each. Residuals are predicted minus measured.
     """
 
 def poses_at(table: Array, columns: tuple[int, int, int], t: Array, longest: float) -> tuple[Array, Array, Mask]:
@@ -340,6 +341,28 @@ def burst_nlos_odds_of_pairs(
     bounds: Indices, t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, bursts: Bursts
 ) -> tuple[Array, Array]:
     """`burst_nlos_odds` of many pairs, each a chain of its own: odds (n,), and the chains' costs (p,)."""
+
+def common_shift(
+    bounds: Indices,
+    t: Array,
+    away: Array,
+    distance: Array,
+    sigma: Array,
+    nlos_odds: Array,
+    share: Array,
+    weight: Array,
+    precision: Array,
+    starts: Array,
+    loss: NlosMixture,
+    bursts: Bursts,
+) -> tuple[Array, float]:
+    """One shift (3,) m of some users' ends that explains their ranges best, and the log likelihood that it gains.
+
+    `bounds` (p + 1,) the first range of each pair and the end; of each range (n,): `t` s, sorted within a pair, `away`
+    (n, 3) m from the other end to that of these users, `distance` m as measured, `sigma` m, `nlos_odds`, and `share` of
+    the shift that is there at that time; `weight` (p,) of each pair's likelihood; `precision` (3,) 1/m^2 of the shift's
+    prior; `starts` (m, 3) m from where it is looked for.
+    """
 
 def search_heights(
     frames: Array,

@@ -268,6 +268,25 @@ class IntegrityParameters:
     """Sigmas: further off, a range of two users does not fit, once somebody is contradicted; ..."""
     innovation_pair_share: float = 0.25
     """... with a larger share of these, the two do not fit one another."""
+    shift_steady: float = 0.6
+    """s: over so long users are taken to be off by one shift that stays, ..."""
+    shift_growing: tuple[float, ...] = (2.0, 4.0)
+    """... and over so long by one that grows evenly, as while SLAM slides, or in a train or a lift."""
+    shift_sigma: float = 2.0
+    """m, 1 sigma of such a shift on each axis."""
+    shift_looked_at: float = 5.0
+    """Log likelihood by a linear score, which knows no NLOS, from which on the shift of a group is fitted."""
+    shift_least: float = 0.2
+    """m: a smaller shift is left to the follower."""
+    shift_cost: float = 3.0
+    """Log likelihood that each registered user costs that is taken to be somewhere else: few of them are."""
+    shift_gain: float = 13.0
+    """Log likelihood that a shift gains, beside all that bursts of NLOS explain and what it costs, from which on users
+    are there; ..."""
+    shift_gain_suspected: float = 4.5
+    """... and from which on they are not called registered until half of it is gone."""
+    shift_gain_apart: float = 3.0
+    """Shifts of others that gain less than this below the best may be the true ones too."""
     doubted_duration: float = 30.0
     """s after its ranges contradicted a user in which it is registered again only ..."""
     doubted_share: float = 0.25
@@ -495,6 +514,63 @@ class DiagnosisParameters:
     """Sigmas by which it differs, besides."""
     suspect_share: float = 0.5
     """Where all users are registered, a solution is adjusted if a height or a bias exceeds this share of its limit."""
+
+
+@dataclass(frozen=True)
+class SleepParameters:
+    """When a room's modules sleep. Times s."""
+
+    settled: float = 20.0
+    """For so long somebody has to be registered and sure of their place before their module may sleep: a check of known
+    users comes 5 s after registration, and what contradicts a place is seen within seconds of walking."""
+    sigma: float = 0.15
+    """m in the plane: so sure they have to be, ..."""
+    wake_sigma: float = 0.3
+    """... and are woken when they are less sure than this. SLAM's drift adds to sigma while nobody ranges."""
+    nap: float = 20.0
+    """Modules wake at its multiples: as long a joiner waits at most."""
+    shortest_nap: float = 5.0
+    """Start and Wi-Fi take 2.4 s: shorter naps save nothing."""
+    glance: float = 1.0
+    """A module ranges for so long when it has woken, before it is told to sleep again."""
+    gone: float = 3.0
+    """One that was not heard for so long, and is, has woken: who is awake says something each second."""
+    partners: float = 600.0
+    """Who ranged with somebody within so long is near enough to be woken for them."""
+    unheard: float = 60.0
+    """Who is in need keeps others awake only while their module was heard within so long, a few naps."""
+    range_on_every: float = 3.0
+    """A module sleeps by itself after 10 s without an order."""
+    sleep_every: float = 1.0
+    """An order to sleep that was lost is given again."""
+
+
+@dataclass(frozen=True)
+class SmoothingParameters:
+    """How the frame that a page shows follows the one that is solved (`live.smoothing`)."""
+
+    dead_band: float = 0.01
+    """m: an error of the shown frame that nobody sees; it is left alone, as is one that is less than 1 sigma."""
+    arm: float = 3.0
+    """m: how far away things stand that a turn or a scale moves."""
+    settled: float = 0.5
+    """Once followed, an error is followed down to this share of the band, lest the noise at its edge is followed."""
+    least_speed: float = 0.02
+    """m/s at which things may always move, ..."""
+    rate: float = 0.2
+    """1/s: ... and this times their error besides."""
+    out_of_view: float = 10.0
+    """Times as fast where nothing that moves is on the screen."""
+    fade_beyond: float = 0.5
+    """m: from here on things fade out, and in again where they belong."""
+    fade_time: float = 0.3
+    """s that either takes."""
+    alarm_least: float = 0.1
+    """m: no correction below it is told to people."""
+    alarm_sigmas: float = 5.0
+    """A correction beyond this many sigmas, by what was told, is told."""
+    alarm_memory: float = 10.0
+    """s: what is held against a frame is what was told so long ago at most, so that creeping is noticed too."""
 
 
 @dataclass(frozen=True)

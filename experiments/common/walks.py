@@ -87,7 +87,7 @@ def beside_oracle(simulation: Simulation) -> Beside:
     return Beside(difference(ours, truth[which]), best.error[which], best.bound[which], registered)
 
 
-def on_all_cores(work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-    """The results of independent tasks, in their order."""
+def on_all_cores(work: Callable[[Task], Result], tasks: Iterable[Task], at_once: int = 4) -> Iterator[Result]:
+    """The results of independent tasks, in their order; `at_once` are handed to a core together."""
     with Pool() as pool:
-        yield from pool.imap(work, tasks, chunksize=4)
+        yield from pool.imap(work, tasks, chunksize=at_once)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from synchronizar.parameters import SleepParameters
+
 BATTERY_MAH = 600.0
 PAPER_REGISTRATIONS = 720
 """SynchronizAR's own figures: of a module with this battery."""
@@ -38,6 +40,7 @@ RADIOS = (
 
 REGULATORS_UA = {"MCP1700": 1.6, "AP2112K": 55.0, "AMS1117, as on most development boards": 5000.0}
 """Quiescent currents, typical, by their data sheets."""
+LEAST_UA = min(REGULATORS_UA.values())
 
 SLOTS, SLOT_US = 4, 1000.0
 """Of a round, one to n with two partners."""
@@ -49,6 +52,11 @@ WIFI_TX_SHARE = 50 * 250e-6
 """A datagram every 20 ms, 0.25 ms each with its acknowledgement."""
 START_S, JOIN_S = 0.4, 2.0
 """Assumed: to the first instruction of ours; to an address on Wi-Fi. The radio sleeps meanwhile."""
+ANSWER_S = 0.1
+"""Assumed: until the order to sleep is there."""
+WOKEN_S, WOKEN_AN_HOUR = 10.0, 6.0
+"""Assumed: s until a joiner or whoever is doubted is registered; how often that happens."""
+NAPS_S = (10.0, 20.0, 60.0, 300.0)
 RANGING_S = (10.0, 5.0, 3.0)
 """The first is the paper's."""
 
@@ -77,8 +85,27 @@ def standby_days(regulator_ua: float, registrations_a_day: float = 0.0) -> float
     return BATTERY_MAH / mah_a_day
 
 
+def awake_ma() -> float:
+    """Mean of a member that ranges, typical."""
+    return radio_ma(RADIOS[0], SENT) + wifi_ma()
+
+
+def nap_ma(nap_s: float, regulator_ua: float) -> float:
+    """Mean while a module naps in a room: it starts, joins Wi-Fi, ranges for a moment, sleeps until the next end."""
+    ranging_s = SleepParameters().glance + ANSWER_S
+    asleep_ma = (ESP32_SLEEP_UA + RADIO_SLEEP_UA + regulator_ua) / 1000.0
+    asleep_s = nap_s - START_S - JOIN_S - ranging_s
+    return (3600.0 * registration_mah(RADIOS[0], SENT, ranging_s) + asleep_s * asleep_ma) / nap_s
+
+
+def room_hours(nap_s: float, regulator_ua: float, woken_an_hour: float = 0.0) -> float:
+    """Until the battery is empty in a room; whoever is woken ranges until all have been settled again."""
+    woken = woken_an_hour * (WOKEN_S + SleepParameters().settled) / 3600.0
+    return BATTERY_MAH / (woken * awake_ma() + (1.0 - woken) * nap_ma(nap_s, regulator_ua))
+
+
 def tables() -> str:
-    """Both, as Markdown."""
+    """All, as Markdown."""
     lines = [
         "| radio | ranging s | radio mA | ESP32 mA | mAh each | registrations |",
         "|---|---|---|---|---|---|",
@@ -98,6 +125,15 @@ def tables() -> str:
         in_all = ESP32_SLEEP_UA + RADIO_SLEEP_UA + regulator_ua
         days = f"{standby_days(regulator_ua):.0f} | {standby_days(regulator_ua, 10.0):.0f}"
         lines.append(f"| {name} | {in_all:.1f} | {days} |")
+    lines += [
+        "",
+        "| in a room | nap, s | mA on average | hours | woken 6 times an hour: hours |",
+        "|---|---|---|---|---|",
+    ]
+    lines.append(f"| awake | | {awake_ma():.0f} | {BATTERY_MAH / awake_ma():.1f} | |")
+    for nap_s in NAPS_S:
+        hours = [f"{room_hours(nap_s, LEAST_UA, often):.1f}" for often in (0.0, WOKEN_AN_HOUR)]
+        lines.append(f"| napping | {nap_s:g} | {nap_ma(nap_s, LEAST_UA):.1f} | {' | '.join(hours)} |")
     return "\n".join(lines)
 
 

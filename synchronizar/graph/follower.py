@@ -127,16 +127,13 @@ class Follower:
 
     # Solving
 
-    def update(self, latest: int | None = None, older: float | None = None) -> None:
+    def update(self, latest: int | None = None) -> None:
         """Take in what was put since the last update, and solve.
 
-        Where estimates of the `latest` slots are far from where they were linearised, they are linearised anew; None:
-        those of all slots. Where one of the others is `older` times as far, all are; None: never. Raises RuntimeError
-        where a variable is seen by no factor.
+        Only estimates of the `latest` slots are linearised anew where they need it; None: those of all slots. Raises
+        RuntimeError where a variable is seen by no factor.
         """
-        stale, all_of_them = self._stale(latest), latest is None
-        if latest is not None and older is not None and (before := self._stale(None, older)) is not None:
-            stale, all_of_them = before, True
+        stale = self._stale(latest)
         first = min((s for s in (stale, self._touched) if s is not None), default=None)
         if first is None:
             return
@@ -158,7 +155,7 @@ class Follower:
         if self._inserted.size():
             touched = [key for key in touched if not self._inserted.exists(key)]
         params.constrainedKeys, params.extraReelimKeys = self._groups(), _key_list(touched)
-        waiting = [] if stale is None or all_of_them else self._keys_of(slots[:-latest] if latest else [])
+        waiting = self._keys_of(slots[:-latest]) if latest and stale is not None else []
         params.noRelinKeys = _key_list({*self._fixed, *waiting})
         try:
             result = self._tree.update(graph, self._inserted, params)
@@ -184,11 +181,8 @@ class Follower:
             self._ordered = present, groups
         return self._ordered[1]
 
-    def _stale(self, latest: int | None = None, times: float = 1.0) -> int | None:
-        """The first of the latest slots, or of all, with an estimate that is too far from where it was linearised.
-
-        Too far is so many `times` the threshold.
-        """
+    def _stale(self, latest: int | None = None) -> int | None:
+        """The first of the latest slots, or of all, with an estimate that is too far from where it was linearised."""
         if not self._tree.size():
             return None
         at = [(user, slot) for slot, users in list(self._slots.items())[-latest if latest else 0 :] for user in users]
@@ -197,7 +191,7 @@ class Follower:
         wanted = [key for user, slot in at for key in _keys((user,), slot)]
         if not wanted:
             return None
-        farthest = times * np.concatenate([_THRESHOLDS[symbol] for symbol in "xhd"])
+        farthest = np.concatenate([_THRESHOLDS[symbol] for symbol in "xhd"])
         far = np.abs(self._tree.getDelta().vector(wanted)).reshape(-1, len(farthest)) > farthest
         for row in np.flatnonzero(far.any(axis=1)).tolist():
             user, slot = at[row]

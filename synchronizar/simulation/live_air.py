@@ -11,7 +11,7 @@ import os
 import subprocess
 import tempfile
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from select import select
 from threading import Thread
@@ -46,12 +46,22 @@ class Carried(NamedTuple):
     """m: bias of its ranges from a wrong antenna delay."""
 
 
+class Sent(NamedTuple):
+    """A datagram that a module has sent to the collector."""
+
+    t: float
+    """s: when it came there."""
+    module: int
+    measured: float
+    """s: when its newest range was measured; NaN where it has none, or its module is in another network by now."""
+
+
 class LiveAir:
     """The air of one session.
 
     Time is the caller's own (s, at least 0): the air runs to the newest place of the module that has told the least,
     and no further; who has no place yet does not range. Raises InputError where the program is missing, has ended or
-    does not keep up.
+    does not keep up. `on_sent` is called, by another thread, with each datagram.
     """
 
     def __init__(
@@ -63,6 +73,7 @@ class LiveAir:
         scheme: str = "one-to-n",
         stamp_sigma: float = 0.03,
         frame_loss: float = 0.0,
+        on_sent: Callable[[Sent], None] | None = None,
     ) -> None:
         self.t = 0.0
         """s: how far it has run, by what it said last."""
@@ -72,6 +83,7 @@ class LiveAir:
         """What each module does now, in the program's words, by address."""
         self.faults: deque[str] = deque(maxlen=MOST_FAULTS)
         """Lines that it did not understand, each with what is wrong with it."""
+        self._on_sent = on_sent
         self._behind = b""
         settings = [
             "air 1",
@@ -160,9 +172,12 @@ class LiveAir:
     def _read_events(self) -> None:
         for line in _lines(self._process.stdout):
             match line.split():
-                case ["sent", t, *_]:
+                case ["sent", t, module, _, measured]:
                     self.t = float(t)
                     self.datagrams += 1
+                    if self._on_sent is not None:
+                        told = float("nan") if measured == "-" else float(measured)
+                        self._on_sent(Sent(self.t, int(module), told))
                 case ["said", t, "node", address, *words]:
                     self.t = float(t)
                     self.states[int(address)] = " ".join(words)

@@ -3,7 +3,19 @@
 import pytest
 from support.paths import REPOSITORY
 
-from experiments.modules.battery import RADIOS, SENT, Radio, radio_ma, registration_mah, standby_days, tables, wifi_ma
+from experiments.modules.battery import (
+    RADIOS,
+    SENT,
+    Radio,
+    awake_ma,
+    nap_ma,
+    radio_ma,
+    registration_mah,
+    room_hours,
+    standby_days,
+    tables,
+    wifi_ma,
+)
 
 TYPICAL, AT_MOST = RADIOS
 DOCUMENT = REPOSITORY / "firmware/BATTERY.md"
@@ -36,6 +48,18 @@ def test_standby_is_the_sum_of_three_currents() -> None:
     assert standby_days(1.6) == pytest.approx(600 / 0.2916)
     # With ten registrations of 0.666104 mAh: 6.952642 mAh a day.
     assert standby_days(1.6, 10.0) == pytest.approx(86.298, abs=0.001)
+
+
+def test_a_nap_is_a_start_a_moment_of_ranging_and_sleep() -> None:
+    # 27.2 + 200 + 1.1 s * 217.0775 = 465.98525 mAs, and 16.5 s of 12.15 uA: 0.200475 mAs; in 20 s.
+    assert nap_ma(20.0, 1.6) == pytest.approx(466.185725 / 20)
+    assert room_hours(20.0, 1.6) == pytest.approx(600 * 20 / 466.185725)
+
+
+def test_who_is_woken_is_awake_for_as_long_as_it_takes() -> None:
+    # Six times 30 s are a twentieth of the time.
+    assert awake_ma() == pytest.approx(217.0775)
+    assert room_hours(20.0, 1.6, 6.0) == pytest.approx(600 / (0.05 * 217.0775 + 0.95 * 23.309286), rel=1e-6)
 
 
 def test_the_document_has_the_tables_of_the_script() -> None:

@@ -78,7 +78,7 @@ void Live::stay(std::uint16_t address) {
 }
 
 void Live::remove(std::uint16_t address) {
-  Carried& carried = known(address);
+  const Carried& carried = known(address);
   if (carried.module != nullptr) carried.module->switch_off();
   carried_.erase(address);
 }

@@ -10,6 +10,7 @@ second (contradictions.py), and so does a jump of its SLAM until it is mended.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -245,6 +246,7 @@ class Engine:
         self.tracking = Tracking(self.users, self.streams, self.parameters)
         self.tracking.origin, self.tracking.noise = before.origin, before.noise
         self.tracking.assumed_clock = before.assumed_clock
+        self._contradictions.suspected = frozenset()
         self._members = None
 
     def _unfollow(self, user: int) -> None:
@@ -263,14 +265,16 @@ class Engine:
 
     @property
     def gauge(self) -> int:
-        """The user beside whom the others are judged: the reference while it is followed.
+        """The user beside whom the others are judged: the reference while it is followed and not contradicted.
 
-        Else who has the newest slot, one that moves before one that stands.
+        Else who has the newest slot, one that moves before one that stands. The reference itself is looked for beside
+        the others until it is registered again.
         """
-        tracking = self.tracking
-        if not tracking.members or self.reference in tracking.members:
+        members = self.tracking.members
+        others = [u for u in members if u != self.reference]
+        if not others or (self.reference in members and not self.standings[self.reference].contradicted):
             return self.reference
-        return max(tracking.members, key=lambda u: (tracking.members[u].slot, not self.users[u].static, -u))
+        return max(others, key=lambda u: (members[u].slot, not self.users[u].static, -u))
 
     # Searching
 
@@ -323,8 +327,10 @@ class Engine:
 
     def _snapshot(self, begin: float, gauge: int, sought: list[int], checking: bool) -> Snapshot:
         tracks, segments, poses, first = {}, {}, {}, np.full(len(self.users), -np.inf)
+        # A recording is sorted by name, and users are in the order in which they came.
+        users = tuple(replace(user, name=f"{u:08d}") for u, user in enumerate(self.users))
         slots = list(range(self.tracking.slot_of(begin), self.tracking.slot_of(self.now) + 1))
-        for u, (user, stream) in enumerate(zip(self.users, self.streams, strict=True)):
+        for u, (user, stream) in enumerate(zip(users, self.streams, strict=True)):
             if stream is None:
                 poses[u] = SlotPoses(slots, np.zeros(len(slots) + 1), np.zeros((len(slots) + 1, 3)))
                 continue
@@ -359,7 +365,7 @@ class Engine:
         rows = rows[rows[:, 0] > np.maximum(begin, np.maximum(first[a], first[b]))]
         return Snapshot(
             self.now,
-            Recording(self.users, tracks, self.log.ranges(rows)),
+            Recording(users, tracks, self.log.ranges(rows)),
             rows[:, -1].astype(np.int32),
             segments,
             gauge,
@@ -459,6 +465,8 @@ class Engine:
         doubted = found.t - standing.doubted_at < m.doubted_duration
         if state is State.REGISTERED and doubted and own.rejected > m.doubted_share:
             state, reason = State.UNOBSERVABLE, f"{own.rejected:.0%} of its latest ranges do not fit"
+            if own.rejected > m.doubted_share + self._nlos_share:  # more than NLOS among the others: it lasts
+                standing.doubted_at = found.t
         if state is State.REGISTERED and not (standing.is_registered or self._is_steady(standing, own, before, placed)):
             standing.progress *= _WATCHED_AT
             state, reason = State.UNOBSERVABLE, "its place is known, if it stays there: it is watched on"
@@ -604,7 +612,8 @@ class Engine:
         if members is None:
             return
         gauge = self.gauge
-        contradicted = self._contradictions.found(self.now, gauge)
+        registered = frozenset(u for u in tracking.members if u == self.reference or self.standings[u].is_registered)
+        contradicted = self._contradictions.found(self.now, gauge, registered)
         if contradicted is not None:
             users, reason = contradicted
             for user in users:
@@ -742,7 +751,13 @@ class Engine:
             return State.UNOBSERVABLE
         if standing.is_registered and stream is not None and stream.suspect is not None:
             return State.UNOBSERVABLE
+        if standing.is_registered and self._is_suspected(user):
+            return State.UNOBSERVABLE
         return standing.state
+
+    def _is_suspected(self, user: int) -> bool:
+        """Whether its latest ranges make it doubtful where a user is; where the reference is, nobody is sure."""
+        return not self._contradictions.suspected.isdisjoint((user, self.reference))
 
     def reason(self, user: int) -> str:
         """Why the state is what it is."""
@@ -753,6 +768,8 @@ class Engine:
             return "the reference's own track is contradicted"
         if standing.is_registered and stream is not None and stream.suspect is not None:
             return f"its SLAM may have {'stopped' if stream.suspect.kind == 'frozen' else 'jumped'}"
+        if standing.is_registered and self._is_suspected(user):
+            return "its latest ranges may say that it is somewhere else"
         return standing.reason
 
     def jumps(self, user: int) -> tuple[Jump, ...]:
@@ -818,6 +835,7 @@ class Engine:
             "ranges": (self.log.rows.copy(), self.log.taken),
             "guards": [(guard.last, guard.count, list(guard.held)) for guard in (self._clock, self._guard)],
             "innovations": self._contradictions.recent,
+            "suspected": sorted(self._contradictions.suspected),
             "tracking": self.tracking.state(),
         }
 
@@ -830,7 +848,7 @@ class Engine:
         self.log.restore(*state["ranges"])
         self._clock.last, self._clock.count, self._clock.held = state["guards"][0]
         self._guard.last, self._guard.count, self._guard.held = state["guards"][1]
-        self._contradictions.restore(state["innovations"])
+        self._contradictions.restore(state["innovations"], frozenset(state["suspected"]))
         self.tracking.restore(state["tracking"])
         if self.tracking.members:
             self._members = Members(self.tracking, self.reference, self.shift)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar._core import followed_residuals
+from synchronizar._core import followed_apart
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.estimation.incremental.slot_ranges import DISTANCE, END_I, END_J, SLOT, USER_I, USER_J
 
@@ -79,11 +79,15 @@ class SlotStates:
         users, slots = np.array(list(at), dtype=np.int32).reshape(-1, 2).T
         self._table[slots - self._first, users, _STATE] = states
 
-    def residuals(self, ranges: Array) -> Array:
-        """(n,) m, predicted minus measured, of rows (n, columns) of `SlotRanges`."""
+    def apart(self, ranges: Array) -> tuple[Array, Array, Array]:
+        """Of rows (n, columns) of `SlotRanges`: from j's antenna to i's (n, 3) m, what radios add, and residuals (n,)."""
         states = np.ascontiguousarray(self._table[: self._end - self._first, :, _STATE])
         users = states.shape[1]
-        return followed_residuals(ranges, _RANGES, states.reshape(-1, states.shape[2]), users, self._first)
+        return followed_apart(ranges, _RANGES, states.reshape(-1, states.shape[2]), users, self._first)
+
+    def residuals(self, ranges: Array) -> Array:
+        """(n,) m, predicted minus measured, of rows (n, columns) of `SlotRanges`."""
+        return self.apart(ranges)[2]
 
     def drop(self, user: int) -> None:
         """Forget a user."""

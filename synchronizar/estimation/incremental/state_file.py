@@ -16,9 +16,9 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
-from synchronizar.estimation.incremental.contradictions import Innovations
 from synchronizar.estimation.incremental.cues import Cue
 from synchronizar.estimation.incremental.engine import Engine
+from synchronizar.estimation.incremental.innovations import Innovations
 from synchronizar.estimation.incremental.slot_states import SlotTable
 from synchronizar.estimation.incremental.snapshot import Candidate, Found, FoundRanges, FoundUser, SlotPoses
 from synchronizar.estimation.incremental.standing import Placed, Standing

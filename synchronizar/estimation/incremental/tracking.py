@@ -10,7 +10,7 @@ import numpy as np
 from synchronizar._core import burst_nlos_odds_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.user import User
-from synchronizar.estimation.incremental.contradictions import Innovations
+from synchronizar.estimation.incremental.innovations import Innovations
 from synchronizar.estimation.incremental.slot_ranges import (
     DISTANCE,
     LINK,
@@ -52,12 +52,12 @@ _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
 _BURST_SLOTS = 2  # ... and at each update: what came just before tells most of whether a line of sight is blocked
 _CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
-_OLDER = 3.0  # times the follower's thresholds: slots before these are linearised anew when one is so far off
 _STEPS = 5  # Gauss-Newton steps of a graph that is built anew, one an update
 _MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
 _SOMEWHERE = 10.0  # m, 1 sigma of the prior of who joins; a search has it to within a metre
 _FEWEST_RANGES = 20  # of a user, for a share of them
+_MOST_EXACT = 4.0  # times the weight that its sigma gives a range
 _MOST_ANTENNAS = 1024  # of a user, in the number of a link
 
 
@@ -246,7 +246,7 @@ class Tracking:
                 self.follower.update()
             self._refresh()
         else:
-            self.follower.update(_BURST_SLOTS + 1, _OLDER if turns else None)
+            self.follower.update(None if turns else _BURST_SLOTS + 1)
             self._read([(user, tracked.slot) for user, tracked in self.members.items()])
 
     def _read(self, at: list[tuple[int, int]]) -> None:
@@ -297,7 +297,10 @@ class Tracking:
         (o_i, a_i, v_i), (o_j, a_j, v_j) = ([each[at][there] for each in ends] for at in (slice(n), slice(n, None)))
         self.ranges.add(known_rows, (o_i, a_i, v_i), (o_j, a_j, v_j))
         added = self.ranges.rows[-len(known_rows) :]
-        self._untaken.append(np.column_stack([added[:, [T, USER_I, USER_J, SIGMA]], self.residuals(added)]))
+        away, bias, _ = self.slots.apart(added)
+        columns = added[:, [T, USER_I, USER_J, SIGMA, ODDS, WEIGHT, DISTANCE]]
+        columns[:, -1] -= bias
+        self._untaken.append(np.column_stack([columns, away]))
         return sorted(set(slot[there].tolist()))
 
     def _weight_of(self, i: int, j: int) -> float:
@@ -354,11 +357,16 @@ class Tracking:
 
         `spread` is 1 sigma (m) of each user's place, which adds to what is expected.
         """
-        rows = np.concatenate([np.zeros((0, 5)), *self._untaken])
+        rows = np.concatenate([np.zeros((0, 10)), *self._untaken])
         self._untaken = []
-        i, j = rows[:, 1].astype(np.int32), rows[:, 2].astype(np.int32)
+        t, sigma, nlos_odds, weight, distance = (rows[:, n].copy() for n in (0, 3, 4, 5, 6))
+        i, j, away = rows[:, 1].astype(np.int32), rows[:, 2].astype(np.int32), rows[:, 7:].copy()
         of_users = np.array([spread.get(u, 0.0) for u in range(len(self.users))]) ** 2
-        return Innovations(rows[:, 0], i, j, rows[:, 4] / np.sqrt(rows[:, 3] ** 2 + of_users[i] + of_users[j]))
+        places = of_users[i] + of_users[j]
+        whitened = (np.linalg.norm(away, axis=1) - distance) / np.sqrt(sigma**2 + places)
+        # A pair whose ranges are worth more than their sigma says is that much more exact.
+        exact = np.sqrt(sigma**2 / np.clip(weight, 1.0, _MOST_EXACT) + places)
+        return Innovations(t, i, j, whitened, away, distance, exact, nlos_odds, np.minimum(weight, 1.0))
 
     def rejected(self, since: float) -> Array:
         """(k,) share of each user's ranges since then (s) that are more likely NLOS, or outliers, than inliers."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import sys
 
@@ -17,8 +18,13 @@ def serve() -> None:
             snapshot = pickle.load(snapshots)
         except EOFError:
             return
-        pickle.dump(search(snapshot), answers)
-        answers.flush()
+        try:
+            pickle.dump(search(snapshot), answers)
+            answers.flush()
+        except BrokenPipeError:
+            # Whoever asked has ended; what is left in the buffer must not be tried again at exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), answers.fileno())
+            return
 
 
 if __name__ == "__main__":

@@ -413,7 +413,8 @@ def test_a_static_radio_has_no_slam_to_lose() -> None:
     assert engine.advance(0.0) == []
 
 
-def test_a_user_who_is_added_while_people_walk_is_registered() -> None:
+@pytest.mark.parametrize("name", ["phone2", "abe"])
+def test_a_user_who_is_added_while_people_walk_is_registered(name: str) -> None:
     recording = simulated(replace(CLEAN, users=3)).recording
     r, track = recording.ranges, recording.tracks["phone2"]
     later = track.t >= 5.0
@@ -424,8 +425,9 @@ def test_a_user_who_is_added_while_people_walk_is_registered() -> None:
         tracks={**recording.tracks, "phone2": late},
     )
     whole = messages(coming)
-    pair = feed(coming, [*whole, (5.0 - 1e-9, lambda e: e.add_user(coming.users[2]))], known=2)
-    assert pair.engine.users == recording.users
+    user = replace(coming.users[2], name=name)
+    pair = feed(coming, [*whole, (5.0 - 1e-9, lambda e: e.add_user(user))], known=2)
+    assert pair.engine.users == (*recording.users[:2], user)
     assert [len(states) for states in pair.states[:1] + pair.states[-1:]] == [2, 3]
     assert pair.states[-1] == [State.REGISTERED] * 3
     assert pair.frames[-1][2] is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from synchronizar._core import followed_residuals
+from synchronizar._core import followed_apart
 from synchronizar.arrays import Array
 from synchronizar.estimation.incremental.slot_ranges import DISTANCE, END_I, END_J, SLOT, USER_I, USER_J
 from synchronizar.estimation.incremental.slot_states import SlotStates
@@ -50,6 +50,8 @@ def test_residuals_are_distances_of_turned_arms_plus_both_biases() -> None:
         expected.append(np.linalg.norm(way) + i[5] + j[5] - row[DISTANCE])
     np.testing.assert_allclose(states.residuals(rows), expected, rtol=1e-12)
     np.testing.assert_allclose(states.residuals(np.hstack([rows, rows])[:, :COLUMNS]), expected, rtol=1e-12)
+    away, bias, _ = states.apart(rows)
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1) + bias - rows[:, DISTANCE], expected, rtol=1e-12)
     assert len(states.residuals(rows[:0])) == 0
 
 
@@ -61,7 +63,7 @@ def test_ranges_of_what_is_not_there_are_refused(column: int, value: int) -> Non
     with pytest.raises(ValueError, match="not there"):
         states.residuals(rows)
     with pytest.raises(ValueError, match="no such column"):
-        followed_residuals(rows, (USER_I, USER_J, SLOT, DISTANCE, END_I, COLUMNS - 8), np.zeros((4, 7)), 4, 0)
+        followed_apart(rows, (USER_I, USER_J, SLOT, DISTANCE, END_I, COLUMNS - 8), np.zeros((4, 7)), 4, 0)
 
 
 def test_slots_come_at_both_ends_and_go_at_one() -> None:
