@@ -258,8 +258,7 @@ class Follower:
         leaves = [slot for slot in self._slots if slot < before]
         if not leaves:
             return
-        if self._new or self._dropped:
-            self.update()
+        self.update()  # they stay linearised where they are
         marginal = self._keys_of(leaves)
         left, gone = self._tree.marginalizeLeavesWithIndices(_key_list(marginal))
         deleted = set(gone)

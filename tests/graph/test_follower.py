@@ -111,7 +111,6 @@ def follow(walk: Walk, count: int, window: int | None = None) -> tuple[Follower,
         everything += parts
         out.update()
         if window is not None and slot >= window:
-            out.update()  # what is marginalised stays linearised where it is
             out.marginalize(slot - window)
     return out, everything
 

@@ -80,7 +80,7 @@ class SlotStates:
         self._table[slots - self._first, users, _STATE] = states
 
     def apart(self, ranges: Array) -> tuple[Array, Array, Array]:
-        """Of rows (n, columns) of `SlotRanges`: from j's antenna to i's (n, 3) m, what radios add, and residuals (n,)."""
+        """Of rows (n, columns) of `SlotRanges`: from j to i (n, 3) m, what radios add (n,) m, residuals (n,) m."""
         states = np.ascontiguousarray(self._table[: self._end - self._first, :, _STATE])
         users = states.shape[1]
         return followed_apart(ranges, _RANGES, states.reshape(-1, states.shape[2]), users, self._first)
