@@ -18,10 +18,12 @@
 
 #include "factors/adjustment.h"
 #include "factors/common_shift.h"
+#include "factors/followed_ranges.h"
 #include "factors/height_search.h"
 #include "factors/neighbours.h"
 #include "factors/nlos_bursts.h"
 #include "factors/placement_search.h"
+#include "factors/pose_table.h"
 #include "factors/range_block.h"
 #include "factors/range_slot.h"
 #include "factors/walk_solver.h"
@@ -431,6 +433,40 @@ NB_MODULE(_core, m) {
         return std::tuple(sums.squares, sums.weights, sums.product, sums.both);
       },
       "bounds"_a, "t"_a, "link"_a, "score"_a, "weight"_a, "gap"_a, "most"_a);
+
+  m.def(
+      "followed_apart",
+      [](const FollowedRanges& ranges, const std::array<int, 6>& columns,
+         const Eigen::Ref<const FollowedStates>& states, int users, int first) {
+        const auto n = static_cast<int>(ranges.cols());
+        const FollowedColumns of{columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]};
+        for (size_t k = 0; k < 6; ++k) {
+          require(columns[k] >= 0 && columns[k] + (k < 4 ? 1 : 9) <= n, "the ranges have no such column");
+        }
+        require(users > 0 && states.rows() % users == 0, "states must be those of all users, slot by slot");
+        const double slots = static_cast<double>(states.rows() / users);
+        for (Eigen::Index k = 0; k < ranges.rows(); ++k) {
+          const double i = ranges(k, of.user_i), j = ranges(k, of.user_j), slot = ranges(k, of.slot) - first;
+          require(i >= 0.0 && i < users && j >= 0.0 && j < users, "a range names a user that is not there");
+          require(slot >= 0.0 && slot < slots, "a range is of a slot that is not there");
+        }
+        const FollowedApart found = followed_apart(ranges, of, states, users, first);
+        return std::tuple(found.away, found.bias, found.residual);
+      },
+      "ranges"_a, "columns"_a, "states"_a, "users"_a, "first"_a);
+
+  m.def(
+      "poses_at",
+      [](const PoseTable& table, const std::array<int, 3>& columns, const Column& t, double longest) {
+        require(table.rows() > 0, "at least one pose is needed");
+        for (size_t k = 0; k < 3; ++k) {
+          require(columns[k] >= 0 && columns[k] + (k == 0 ? 1 : k == 1 ? 3 : 4) <= table.cols(),
+                  "the poses have no such column");
+        }
+        const PosesAt found = poses_at(table, {columns[0], columns[1], columns[2]}, t, longest);
+        return std::tuple(found.position, found.attitude, found.valid);
+      },
+      "table"_a, "columns"_a, "t"_a, "longest"_a);
 
   m.def(
       "mixture_terms",

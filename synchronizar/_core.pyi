@@ -304,6 +304,22 @@ def neighbour_sums(
     their score products are divided by their pair's own variance.
     """
 
+def followed_apart(
+    ranges: Array, columns: tuple[int, int, int, int, int, int], states: Array, users: int, first: int
+) -> tuple[Array, Array, Array]:
+    """Of ranges (n, c) of many slots: (n, 3) m from j's antenna to i's, (n,) m that radios add, (n,) m residuals.
+
+    `states` (slots * users, 7) are x, y, yaw, height, log scale, radio bias and clock offset, slot by slot, from slot
+    `first` on. `columns` are those of both users, of the slot, of the distance, and the first of nine of each end:
+    offset, lever and velocity (3,) each. Residuals are predicted minus measured.
+    """
+
+def poses_at(table: Array, columns: tuple[int, int, int], t: Array, longest: float) -> tuple[Array, Array, Mask]:
+    """(n, 3) positions, (n, 4) attitudes at times t (n,) and whether they are known, as `data.track.interpolated`.
+
+    `table` (m, c) has a pose a row; `columns` are those of stamps, and the first ones of positions and attitudes.
+    """
+
 def mixture_terms(whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture) -> tuple[Array, Array, Array]:
     """(n,) each: loss, weight and probability of line of sight of ranges with these whitened residuals."""
 

@@ -133,8 +133,15 @@ def nlos_share(ranges: Ranges, parameters: Parameters) -> Array:
     below 6 dB line of sight, above 10 dB none; linear in between); else `nlos_share_clear` where the radio reports line
     of sight, and `nlos_share` where nothing is known.
     """
-    share = np.full(len(ranges), parameters.ranges.nlos_share)
-    power_difference = ranges.rx_power - ranges.fp_power
+    return nlos_share_of(ranges.rx_power, ranges.fp_power, ranges.nlos, parameters)
+
+
+def nlos_share_of(rx_power: Array, fp_power: Array, nlos: Array, parameters: Parameters) -> Array:
+    """The same, by the columns (n,) that it depends on; NaN where unknown."""
+    share = np.full(len(nlos), parameters.ranges.nlos_share)
+    if np.isnan(nlos).all() and np.isnan(rx_power).all():
+        return share
+    power_difference = rx_power - fp_power
     blocked = (power_difference - parameters.ranges.power_clear_db) / (
         parameters.ranges.power_blocked_db - parameters.ranges.power_clear_db
     )
@@ -142,5 +149,5 @@ def nlos_share(ranges: Ranges, parameters: Parameters) -> Array:
         parameters.ranges.nlos_share_blocked - parameters.ranges.nlos_share_clear
     )
     share = np.where(np.isnan(power_difference), share, by_power)
-    share = np.where(ranges.nlos == 1.0, parameters.ranges.nlos_share_blocked, share)
-    return np.where((ranges.nlos == 0.0) & np.isnan(power_difference), parameters.ranges.nlos_share_clear, share)
+    share = np.where(nlos == 1.0, parameters.ranges.nlos_share_blocked, share)
+    return np.where((nlos == 0.0) & np.isnan(power_difference), parameters.ranges.nlos_share_clear, share)

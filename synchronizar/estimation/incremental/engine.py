@@ -45,6 +45,9 @@ _RECENT_WALK = 1.0  # s: in which somebody's way shows
 _WATCHED_AT = 0.9  # of the progress: while a user is watched
 _FOLLOWED_AT = 0.25  # of the progress: who is known worse is not followed, for nothing is linear so far off
 _FIRST_SEARCH = 1.0  # s after the first range
+# s after a slot's begin: what is done once a slot is not all done at once.
+_JUDGED_AFTER, _FORGOTTEN_AFTER, _CUED_AFTER = 0.15, 0.25, 0.35
+_MORE_FORGOTTEN = 2  # slots at once, beside those that went by
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
 
 
@@ -83,7 +86,8 @@ class Engine:
         self._spread: dict[int, float] = {}
         self._events: list[str] = []
         self._judged = -1
-        self._cued = -1
+        self._forgotten = -1
+        self._cued = [-1 for _ in users]
         self._nlos_share = 0.0
         self._checked = -np.inf
 
@@ -145,6 +149,7 @@ class Engine:
         self.users = (*self.users, user)
         self.streams.append(None if user.static else PoseStream(self.parameters))
         self.standings.append(Standing())
+        self._cued.append(-1)
         self.tracking.add_user(user)
         self._searcher.abandon()
         self._candidates = ()
@@ -167,10 +172,7 @@ class Engine:
             self._begin_search()
             self._take_found()
         self._judge_members()
-        slot = self.tracking.slot_of(self.now) if np.isfinite(self.tracking.origin) else self._cued
-        if slot != self._cued:
-            self._cued = slot
-            self._tell_cues()
+        self._tell_cues()
         events, self._events = self._events, []
         return events
 
@@ -212,8 +214,9 @@ class Engine:
             return
         if len(rows):
             i, j = self.log.users(rows)
-            members = list(tracking.members)
-            tracking.add(self.log.to_follow(rows[np.isin(i, members) & np.isin(j, members)]))
+            followed = np.zeros(len(self.users), dtype=bool)
+            followed[list(tracking.members)] = True
+            tracking.add(self.log.to_follow(rows[followed[i] & followed[j]]))
         doubted = {u for u, stream in enumerate(self.streams) if stream is not None and stream.suspect is not None}
         try:
             tracking.advance(self.now, doubted)
@@ -615,14 +618,14 @@ class Engine:
             for user in users:
                 self._contradict(user, reason)
             return
-        slot = tracking.slot_of(self.now)
-        if slot == self._judged:
+        slot = tracking.slot_of(self.now - _FORGOTTEN_AFTER)
+        if slot != self._forgotten:
+            most, self._forgotten = abs(slot - self._forgotten) + _MORE_FORGOTTEN, slot
+            self._forget(most)
+        slot, members = tracking.slot_of(self.now - _JUDGED_AFTER), self._members
+        if slot == self._judged or members is None:
             return
         self._judged = slot
-        self._forget()
-        members = self._members
-        if members is None:
-            return
         gauge = self.gauge
         recent = tracking.rejected(self.now - self.parameters.incremental.recent)
         self._nlos_share = float(recent[list(tracking.members)].mean())
@@ -652,10 +655,19 @@ class Engine:
         return frozenset(u for u in told if self.standings[u].doubted_at < since)
 
     def _tell_cues(self) -> None:
-        """Once a slot: which way those should walk whose places are not known well enough."""
+        """Once a slot, one after the other: which way those should walk whose places are not known well enough."""
+        if not np.isfinite(self.tracking.origin):
+            return
+        turn = (1.0 - _CUED_AFTER) * self.parameters.slam.keyframe_interval / len(self.users)
+        slots = [self.tracking.slot_of(self.now - _CUED_AFTER - turn * u) for u in range(len(self.users))]
+        due = [u for u, slot in enumerate(slots) if slot != self._cued[u]]
+        self._cued = slots
+        if not due:
+            return
         rows = self.log.rows
         i, j = self.log.users(rows[rows[:, 0] > self.now - self.parameters.incremental.recent])
-        for user, standing in enumerate(self.standings):
+        for user in due:
+            standing = self.standings[user]
             before, standing.cue = standing.cue, None
             stream, placed = self.streams[user], standing.placed
             if stream is None or placed is None or self.state(user) is not State.UNOBSERVABLE or user == self.gauge:
@@ -695,13 +707,19 @@ class Engine:
         self.standings[user].begin_again(self.now, State.UNOBSERVABLE, reason)
         self._tell(user)
 
-    def _forget(self) -> None:
-        """What nothing needs any more."""
+    def _forget(self, most: int) -> None:
+        """What nothing needs any more; so many slots at most, for a window that becomes short does so by and by."""
         begin = self._window_begin()
         tracking = self.tracking
-        if tracking.members and (gone := tracking.forget(tracking.slot_of(begin))):
+        if tracking.members:
+            before = min(tracking.slot_of(begin), next(iter(tracking.follower.slots)) + most)
+            gone = tracking.forget(before)
+            begin = min(begin, tracking.begin_of(before))
             for user in gone:
                 self._lose(user)
+        else:
+            gone = []
+        if gone:
             self._members = None
             if len(tracking.members) > 1:
                 self._members = Members(tracking, self.reference, self.shift)
@@ -786,16 +804,20 @@ class Engine:
         """Of ranges by running index (n,): usable, probability of line of sight, weight (1/m^2), residual (m)."""
         n = len(serial)
         usable, inlier, weight, residual = np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n), np.full(n, np.nan)
-        order = np.argsort(serial).astype(np.int32)
+        if not n:
+            return usable, inlier, weight, residual
+        first = int(serial.min())
+        place = np.full(int(serial.max()) - first + 1, -1)
+        place[serial - first] = np.arange(n)
         if self._found is not None:
             of = self._found.ranges
-            at, there = _rows_of(of.serial, serial, order)
+            at, there = _places_of(of.serial, place, first)
             usable[at], inlier[at], weight[at] = True, of.inlier_probability[there], of.weight[there]
             residual[at] = of.residual[there]
         rows = self.tracking.ranges.rows
         if len(rows):
             followed, off, bring = self.tracking.range_verdicts()
-            at, there = _rows_of(rows[:, SERIAL].astype(np.int32), serial, order)
+            at, there = _places_of(rows[:, SERIAL].astype(np.int32), place, first)
             usable[at], inlier[at], weight[at], residual[at] = True, followed[there], bring[there], off[there]
         return usable, inlier, weight, residual
 
@@ -839,7 +861,7 @@ class Engine:
 
 _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found"),
-    *("_told", "_spread", "_events", "_judged", "_checked", "_begun", "_cued", "_nlos_share"),
+    *("_told", "_spread", "_events", "_judged", "_forgotten", "_checked", "_begun", "_cued", "_nlos_share"),
 )
 
 
@@ -858,9 +880,8 @@ def _track_from(stream: PoseStream, stamp: float, tail: Tail) -> tuple[Track, In
     return Track(t, position, normalized_quaternions(quat)), segment
 
 
-def _rows_of(known: Indices, serial: Indices, order: Indices) -> tuple[Indices, Indices]:
-    """Where those of `serial` stand that are known, and which of the known ones they are."""
-    at = np.searchsorted(serial, known, sorter=order)
-    there = np.flatnonzero(at < len(serial))
-    there = there[serial[order[at[there]]] == known[there]]
-    return order[at[there]], there
+def _places_of(known: Indices, place: Indices, first: int) -> tuple[Indices, Indices]:
+    """The places of those of `known` that have one, and which these are; `place` of running index `first` is at 0."""
+    there = np.flatnonzero((known >= first) & (known < first + len(place)))
+    at = place[known[there] - first].astype(np.int32)
+    return at[at >= 0], there[at >= 0].astype(np.int32)

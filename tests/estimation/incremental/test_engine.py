@@ -447,7 +447,7 @@ def test_what_is_kept_does_not_grow_with_the_walk() -> None:
     assert ranges < (window + 3.0) * scene.round_hz * 1.5
     assert slots <= window + 2
     tracking = told.engine.tracking
-    assert len(tracking._stamps) == len(tracking._states) <= 2 * (window + 2)
+    assert len(tracking.slots) <= 2 * (window + 2)
     assert len(tracking._steps) <= 2 * (window + 2)
 
 
