@@ -3,6 +3,8 @@
 Bad arguments raise ValueError. Odds are P(NLOS) / P(not NLOS).
 """
 
+from collections.abc import Sequence
+
 from synchronizar.arrays import Array, Indices, Mask
 
 class UserPose:
@@ -251,6 +253,94 @@ class WalkSolver:
 
         Only the keyframes `kept` (m,), a run of each user, and the ranges between them are used.
         """
+
+class RigidSolver:
+    """The most likely frames of k users, n ranges between their rigid walks given (factors/rigid_solver.h)."""
+
+    def __init__(
+        self,
+        active: Mask,
+        reference: int,
+        first: Indices,
+        user_i: Indices,
+        user_j: Indices,
+        t: Array,
+        i: Array,
+        j: Array,
+        measured: Array,
+        sigma: Array,
+        nlos_odds: Array,
+        height_sigma: Array,
+        place_sigma: float,
+        yaw_sigma: float,
+        loss: NlosMixture,
+    ) -> None:
+        """`active` (k,) who has a frame; `first` (p + 1,) the first range of each pair of users, and the end.
+
+        `user_i`, `user_j` (p,); `t` (n,) s, sorted within a pair; `i`, `j` (n, 3) m antennas in their users' frames.
+        Sigmas of priors: heights' (k,) about their mean, of place and yaw about where an optimisation begins.
+        """
+
+    def residuals(self, frames: Array) -> Array:
+        """(n,) m, predicted minus measured; `frames` (k, 4) x, y, z, yaw."""
+
+    def cost(self, frames: Array, nlos_odds: Array, most: float = ...) -> float:
+        """The sum of the losses and the heights' prior; a part of it that is above `most` where it is."""
+
+    def e_step(self, frames: Array, bursts: Bursts) -> tuple[Array, float]:
+        """(n,) odds of each range given its neighbours in time, and the cost of the chains and the heights."""
+
+    def optimize(
+        self,
+        frames: Array,
+        about: Array,
+        nlos_odds: Array,
+        annealing: float,
+        steps: int,
+        gain: float,
+        known: Sequence[Array] = ...,
+        same: float = 0.0,
+    ) -> Array:
+        """Frames at a local optimum: at most `steps` Gauss-Newton steps that gain `gain` or more.
+
+        Ends on the way where frames are within `same` (m and rad) of `known` ones.
+        """
+
+    def run_em(
+        self,
+        frames: Array,
+        nlos_odds: Array,
+        bursts: Bursts,
+        annealing: float,
+        rounds: int,
+        steps: int,
+        gain: float,
+        known: Sequence[Array],
+        same: float,
+        hopeless: float,
+    ) -> tuple[Array, Array, float]:
+        """Frames, odds and cost after at most so many rounds of optimisation, odds estimated in between.
+
+        Ends where a round gains less than `gain`, where frames are within `same` (m and rad) of `known` ones, or where
+        they cost more than `hopeless` after a round.
+        """
+
+    def covariances(self, frames: Array, nlos_odds: Array) -> Array:
+        """(4 k, 4) of each user's x, y, z, yaw at a local optimum, 0 of what is fixed."""
+
+def residual_inflations(
+    first: Indices,
+    user_i: Indices,
+    user_j: Indices,
+    t: Array,
+    i: Array,
+    j: Array,
+    frames: Array,
+    residual: Array,
+    weight: Array,
+    pieces: int,
+) -> Array:
+    """(k,) factors of covariances by residuals that are no noise (factors/residual_statistics.h)."""
 
 def semidefinite_root(normal: Array) -> Array:
     """Rows R with R' R = `normal`, as many as its rank; `normal` is positive semidefinite but for rounding."""

@@ -9,12 +9,9 @@ from itertools import chain
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.hypotheses import SAME
 from synchronizar.estimation.initialisation import placements_in_parts
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
-from synchronizar.geometry import difference
-from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States, interpolated
@@ -53,6 +50,11 @@ def find_optima(graph: PoseGraph, starts: list[States], progress: Progress = unh
     best = min(found, key=by_cost)
     while graph.free:
         for states in chain(relaid(best.graph, best.states), _mirror_images(best, found)):
+            if isinstance(best.graph, RigidGraph):  # most lead to an optimum that is known
+                image = best.graph.image(states, best.em_weights, [optimum.frames for optimum in found])
+                if image is None:
+                    continue
+                states = image
             _add_optimum(best.graph, states, found, ())
         better = min(found, key=by_cost)
         progress(0.8)
@@ -71,13 +73,8 @@ def approach(graph: PoseGraph, states: States, annealing: float) -> LocalOptimum
 
 def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], annealing: tuple[float, ...]) -> None:
     """Optimise from `states` and add the optimum to `found`, unless it is hopeless or within `SAME` of a known one."""
-    poses = [optimum.frames for optimum in found]
+    known = [optimum.frames for optimum in found]
     hopeless = min(found, key=by_cost).cost + graph.parameters.search.hopeless_cost if found else np.inf
-
-    def known(states: States) -> bool:
-        here = graph.last_poses(states)
-        return any(np.nanmax(np.abs(difference(here, there))) < SAME for there in poses)
-
     em_weights = _with_search_weights(graph.initial_em_weights())
     for factor in annealing:
         graph, states, em_weights, _ = graph.run_em(states, em_weights, 3, factor)
@@ -86,10 +83,10 @@ def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], an
         optimum = graph.run_em(states, em_weights, rounds, known=known, hopeless=hopeless)
     else:
         optimum = graph.run_em(states, em_weights, _FIRST_ROUNDS)
-        if optimum.cost > hopeless or known(optimum.states):
+        if optimum.cost > hopeless or graph.is_known(optimum.states, known):
             return
         optimum = optimum.graph.run_em(optimum.states, optimum.em_weights, _ROUNDS, known=known)
-    if not known(optimum.states):
+    if not graph.is_known(optimum.states, known):
         found.append(optimum)
 
 
@@ -114,28 +111,31 @@ def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator
     Users on one level leave the signs of heights open, users on a line the side of it. Heights that one of the optima
     `found` has are not tried again.
     """
-    graph, states, rigid = optimum.graph, optimum.states, _rigid(optimum)
+    graph, states = optimum.graph, optimum.states
+    rigid, nlos_odds = _rigid(optimum)
     parameters = graph.parameters
     flat = graph.to_rigid_ranges(states)
     range_weight = float(optimum.em_weights.range_weight.mean())
-    here = rigid.cost(states.anchor_poses)
-    sure = marginals(rigid, rigid.initial_states(states.anchor_poses), rigid.initial_em_weights())
-    sigma = np.sqrt(sure.relative[:, 2, 2] / range_weight)
+    here = rigid.cost(states.anchor_poses, nlos_odds)
+    sigma = np.sqrt(rigid.covariances(states.anchor_poses, nlos_odds)[:, 2, 2] / range_weight)
 
-    def above(frames: Array) -> float:
-        return range_weight * (rigid.cost(frames) - here)
+    def above(frames: Array, most: float) -> float:
+        return range_weight * (rigid.cost(frames, nlos_odds, here + most / range_weight) - here)
 
-    heights = rigid.other_heights(states.anchor_poses, parameters.integrity.cost_excluded_nlos / range_weight)
+    heights = rigid.other_heights(
+        states.anchor_poses, nlos_odds, parameters.integrity.cost_excluded_nlos / range_weight
+    )
     heights += height_mirrors(flat, states.anchor_poses, graph.reference)
     near, free = parameters.search.mirror_sigmas * sigma[graph.free], graph.free
     known = np.array([s.states.anchor_poses[free, 2] for s in (optimum, *found)])
     apart = [f for f in heights if (np.abs(f[free, 2] - known) > near).any(axis=1).all()]
-    images = [(cost, frames) for frames in apart if (cost := above(frames)) < parameters.search.hopeless_cost]
-    most = parameters.search.hopeless_cost + parameters.search.mirror_cost_per_range * range_weight * len(flat)
+    most = parameters.search.hopeless_cost
+    images = [(cost, frames) for frames in apart if (cost := above(frames, most)) < most]
+    most += parameters.search.mirror_cost_per_range * range_weight * len(flat)
     images += [
         (cost, frames)
         for frames in reflections(flat, states.anchor_poses, graph.reference)
-        if (cost := above(frames)) < most
+        if (cost := above(frames, most)) < most
     ]
     likely = [frames for _, frames in sorted(images, key=lambda image: image[0])[:_MOST_IMAGES]]
     for n, frames in enumerate(likely):
@@ -143,12 +143,13 @@ def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator
             yield states._replace(anchor_poses=frames)
 
 
-def _rigid(optimum: LocalOptimum) -> RigidGraph:
-    """The graph in which the frames alone are free at these walks."""
+def _rigid(optimum: LocalOptimum) -> tuple[RigidGraph, Array]:
+    """The graph in which the frames alone are free at these walks, and the NLOS odds (n,) of its ranges."""
     graph = optimum.graph
     if isinstance(graph, RigidGraph):
-        return graph.with_nlos_odds(optimum.em_weights.nlos_odds)
-    return RigidGraph(graph.rigid_problem(optimum.states), np.zeros((len(graph.users), 3)))
+        return graph, optimum.em_weights.nlos_odds
+    rigid = RigidGraph(graph.rigid_problem(optimum.states), np.zeros((len(graph.users), 3)))
+    return rigid, rigid.measurements.nlos_odds
 
 
 def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:

@@ -7,7 +7,7 @@ steps are the odometry factors between keyframes; range factors connect the user
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +19,7 @@ from synchronizar._core import NlosMixture, WalkNoise, burst_nlos_odds_of_pairs,
 from synchronizar.arrays import Array, Indices
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
-from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.geometry import apply_frames, difference, wrap_angle
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import CLOCK, SCALE, States, slam_states, steps, to_rigid_ranges
@@ -29,6 +29,7 @@ from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_end
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, mean_by_pair, pair_bounds
 from synchronizar.preprocessing.range_weights import measured_range_weights, prior_range_weights
 
+SAME = 0.01  # m and rad: optima that are closer are one
 _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes by more
 _GAIN = 0.001  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
 _GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
@@ -306,20 +307,20 @@ class PoseGraph:
         em_weights: EmWeights,
         rounds: int,
         annealing: float = 1.0,
-        known: Callable[[States], bool] | None = None,
+        known: Sequence[Array] = (),
         hopeless: float = np.inf,
     ) -> LocalOptimum:
         """The local optimum reached from states: optimises the states and re-estimates the weights in turn.
 
         Expectation maximisation; antenna positions are read again where clock offsets have changed. Stops when a round
-        lowers the cost by less than the graph's gain, or after `rounds`; or when, after a round, the states are `known`
-        (the cost returned is then that before it) or cost more than `hopeless`.
+        lowers the cost by less than the graph's gain, or after `rounds`; or when, after a round, the last poses are
+        `known` ones (the cost returned is then that before it) or the states cost more than `hopeless`.
         """
         graph, about, before, gain = self, states.anchor_poses, np.inf, self._gain
         for _ in range(rounds):
             if np.abs(states.calibration[:, CLOCK] - graph.assumed_clock).max() > _STALE_CLOCK:
                 graph = graph.with_antennas_at(states.calibration[:, CLOCK])
-            if known is not None and before < np.inf and known(states):
+            if before < np.inf and self.is_known(states, known):
                 return LocalOptimum(graph, states, em_weights, before)
             em_weights, cost = graph.e_step(states, em_weights)
             if before - cost < gain or hopeless < cost < before < np.inf:
@@ -328,6 +329,11 @@ class PoseGraph:
             states = graph.optimised(states, about, em_weights, annealing, _ITERATIONS, 0.25 * gain)
         em_weights, cost = graph.e_step(states, em_weights)
         return LocalOptimum(graph, states, em_weights, cost)
+
+    def is_known(self, states: States, known: Sequence[Array]) -> bool:
+        """Whether the last poses are within `SAME` of some known ones, (k, 4) each."""
+        here = self.last_poses(states)
+        return any(np.nanmax(np.abs(difference(here, there))) < SAME for there in known)
 
     def optimised(
         self, states: States, about: Array, em_weights: EmWeights, annealing: float, iterations: int, gain: float
