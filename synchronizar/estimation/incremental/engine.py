@@ -45,6 +45,7 @@ _RECENT_WALK = 1.0  # s: in which somebody's way shows
 _WATCHED_AT = 0.9  # of the progress: while a user is watched
 _FOLLOWED_AT = 0.25  # of the progress: who is known worse is not followed, for nothing is linear so far off
 _FIRST_SEARCH = 1.0  # s after the first range
+_LEAST_PROGRESS = 0.01  # less is not told from none
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
 
 
@@ -289,10 +290,28 @@ class Engine:
         first = min(s for u in sought if (s := self.standings[u].since) is not None)
         if self.now < first + _FIRST_SEARCH:
             return False
-        interval = max(m.search_interval, m.search_growth * (self.now - first))
+        growth = m.search_growth * (self.now - first)
         if all(self.standings[u].is_registered for u in sought):
-            interval = max(interval, _PROVING_INTERVAL)
-        return self.now >= self.searched + interval
+            return self.now >= self.searched + max(_PROVING_INTERVAL, growth)
+        times = [self._registered_from(u) for u in sought]
+        near = max(t for t in times if t <= min(times) + m.search_interval_near)
+        if self.now < near <= self.now + m.search_interval_near:
+            return False  # one that is begun in a moment finds more
+        soon = max(near, self.searched + max(m.search_interval_near, growth))
+        return self.now >= min(soon, self.searched + max(m.search_interval, growth))
+
+    def _registered_from(self, user: int) -> float:
+        """s: from when on a search may find a user registered, by what is known of it; infinite if it already is."""
+        standing, m = self.standings[user], self.parameters.integrity
+        if standing.is_registered or standing.since is None or standing.verdict is None:
+            return np.inf
+        least = standing.since + m.least_duration
+        if standing.verdict.state is State.REGISTERED:
+            watched = -np.inf if standing.steady_since is None else standing.steady_since + m.watched_duration
+            return max(least, watched)
+        # While a user begins to walk, its sigmas fall with about the square of time.
+        taken = (self.searched - standing.since) * (max(standing.progress, _LEAST_PROGRESS) ** -0.5 - 1.0)
+        return max(least, self.searched + 0.5 * taken)
 
     def _window_begin(self) -> float:
         """s: the earliest moment that following and searches still need."""
@@ -520,10 +539,9 @@ class Engine:
         """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are NLOS."""
         m = self.parameters.integrity
         assert standing.since is not None
-        if self.now - standing.since < m.least_duration:
-            return False
+        long_enough = self.now - standing.since >= m.least_duration
         if own.rejected <= m.watched_share:
-            return True
+            return long_enough
         if standing.steady_since is None or before is None:
             standing.steady_since = self.now
         else:
@@ -531,7 +549,7 @@ class Engine:
             turn = abs(wrap_angle(float(placed.state[2] - before.state[2])))
             if apart > 0.5 * m.largest_error or turn > 0.5 * m.largest_yaw_error:
                 standing.steady_since = self.now
-        return self.now - standing.steady_since >= m.watched_duration
+        return long_enough and self.now - standing.steady_since >= m.watched_duration
 
     def _check_member(self, user: int, found: Found, common: Array) -> None:
         """A user who is followed was looked for anew: whether it may be somewhere else."""
