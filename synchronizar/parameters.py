@@ -221,6 +221,9 @@ class IncrementalParameters:
     """s between two checks of known users for other optima and mirror images."""
     doubtful_interval: float = 2.0
     """s between two, while more ranges are NLOS than `search.doubtful_share`: they judge which these are anew."""
+    judged_walk: float = 3.0
+    """s: a user's place is judged where the last so many seconds of its walk would lie; what lies further back was told
+    by the frames of its own time."""
     recent: float = 10.0
     """s: what share of a user's ranges is NLOS, or rejected, is asked of the last so many seconds."""
 

@@ -650,8 +650,7 @@ class Engine:
             if user == gauge or user not in members.order:
                 continue
             tracked = tracking.members[user]
-            since = tracked.stamp - (self.now - self._window_begin())
-            extent = members.extent(user, since)
+            extent = members.extent(user, tracked.stamp - self.parameters.incremental.judged_walk)
             verdict, near, _ = members.verdict(user, gauge, extent, float(recent[user]), standing.is_registered)
             relative = members.relative(user, gauge)
             self._spread[user] = float(np.sqrt(max(np.linalg.eigvalsh(relative[:2, :2])[-1], 0.0)))
@@ -685,7 +684,7 @@ class Engine:
             frames, covariances = np.zeros((len(self.users), 4)), np.zeros((len(self.users), 4, 4))
             frames[user] = [*placed.state[:2], placed.state[3], placed.state[2]]
             covariances[user] = placed.covariance[:4, :4]
-            since = stream.newest - (self.now - self._window_begin())
+            since = stream.newest - self.parameters.incremental.judged_walk
             walk = np.exp(placed.state[4]) * (extent_points_of(stream.tail(since).position) - placed.place)
             best = Hypothesis(0.0, frames, covariances, [GaussianComponent(1.0, frames, covariances)])
             names, others = [name for name, _ in places], np.array([at for _, at in places])
