@@ -214,11 +214,16 @@ class IncrementalParameters:
     search_interval: float = 0.5
     """s between two searches for a user who has just come, ..."""
     search_growth: float = 0.05
-    """... and this share of the time for which it has been looked for, if that is more."""
+    """... and this share of the time for which it has been looked for, if that is more; ..."""
+    search_interval_near: float = 0.2
+    """... or so many, with the same growth, where the last one says that the next may find it registered."""
     check_interval: float = 30.0
     """s between two checks of known users for other optima and mirror images."""
     doubtful_interval: float = 2.0
     """s between two, while more ranges are NLOS than `search.doubtful_share`: they judge which these are anew."""
+    judged_walk: float = 3.0
+    """s: a user's place is judged where the last so many seconds of its walk would lie; what lies further back was told
+    by the frames of its own time."""
     recent: float = 10.0
     """s: what share of a user's ranges is NLOS, or rejected, is asked of the last so many seconds."""
 

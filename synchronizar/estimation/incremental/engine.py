@@ -48,6 +48,7 @@ _FIRST_SEARCH = 1.0  # s after the first range
 # s after a slot's begin: what is done once a slot is not all done at once.
 _JUDGED_AFTER, _FORGOTTEN_AFTER, _CUED_AFTER = 0.15, 0.25, 0.35
 _MORE_FORGOTTEN = 2  # slots at once, beside those that went by
+_LEAST_PROGRESS = 0.01  # less is not told from none
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
 
 
@@ -292,10 +293,28 @@ class Engine:
         first = min(s for u in sought if (s := self.standings[u].since) is not None)
         if self.now < first + _FIRST_SEARCH:
             return False
-        interval = max(m.search_interval, m.search_growth * (self.now - first))
+        growth = m.search_growth * (self.now - first)
         if all(self.standings[u].is_registered for u in sought):
-            interval = max(interval, _PROVING_INTERVAL)
-        return self.now >= self.searched + interval
+            return self.now >= self.searched + max(_PROVING_INTERVAL, growth)
+        times = [self._registered_from(u) for u in sought]
+        near = max(t for t in times if t <= min(times) + m.search_interval_near)
+        if self.now < near <= self.now + m.search_interval_near:
+            return False  # one that is begun in a moment finds more
+        soon = max(near, self.searched + max(m.search_interval_near, growth))
+        return self.now >= min(soon, self.searched + max(m.search_interval, growth))
+
+    def _registered_from(self, user: int) -> float:
+        """s: from when on a search may find a user registered, by what is known of it; infinite if it already is."""
+        standing, m = self.standings[user], self.parameters.integrity
+        if standing.is_registered or standing.since is None or standing.verdict is None:
+            return np.inf
+        least = standing.since + m.least_duration
+        if standing.verdict.state is State.REGISTERED:
+            watched = -np.inf if standing.steady_since is None else standing.steady_since + m.watched_duration
+            return max(least, watched)
+        # While a user begins to walk, its sigmas fall with about the square of time.
+        taken = (self.searched - standing.since) * (max(standing.progress, _LEAST_PROGRESS) ** -0.5 - 1.0)
+        return max(least, self.searched + 0.5 * taken)
 
     def _window_begin(self) -> float:
         """s: the earliest moment that following and searches still need."""
@@ -523,10 +542,9 @@ class Engine:
         """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are NLOS."""
         m = self.parameters.integrity
         assert standing.since is not None
-        if self.now - standing.since < m.least_duration:
-            return False
+        long_enough = self.now - standing.since >= m.least_duration
         if own.rejected <= m.watched_share:
-            return True
+            return long_enough
         if standing.steady_since is None or before is None:
             standing.steady_since = self.now
         else:
@@ -534,7 +552,7 @@ class Engine:
             turn = abs(wrap_angle(float(placed.state[2] - before.state[2])))
             if apart > 0.5 * m.largest_error or turn > 0.5 * m.largest_yaw_error:
                 standing.steady_since = self.now
-        return self.now - standing.steady_since >= m.watched_duration
+        return long_enough and self.now - standing.steady_since >= m.watched_duration
 
     def _check_member(self, user: int, found: Found, common: Array) -> None:
         """A user who is followed was looked for anew: whether it may be somewhere else."""
@@ -634,8 +652,7 @@ class Engine:
             if user == gauge or user not in members.order:
                 continue
             tracked = tracking.members[user]
-            since = tracked.stamp - (self.now - self._window_begin())
-            extent = members.extent(user, since)
+            extent = members.extent(user, tracked.stamp - self.parameters.incremental.judged_walk)
             verdict, near, _ = members.verdict(user, gauge, extent, float(recent[user]), standing.is_registered)
             relative = members.relative(user, gauge)
             self._spread[user] = float(np.sqrt(max(np.linalg.eigvalsh(relative[:2, :2])[-1], 0.0)))
@@ -684,7 +701,7 @@ class Engine:
             frames, covariances = np.zeros((len(self.users), 4)), np.zeros((len(self.users), 4, 4))
             frames[user] = [*placed.state[:2], placed.state[3], placed.state[2]]
             covariances[user] = placed.covariance[:4, :4]
-            since = stream.newest - (self.now - self._window_begin())
+            since = stream.newest - self.parameters.incremental.judged_walk
             walk = np.exp(placed.state[4]) * (extent_points_of(stream.tail(since).position) - placed.place)
             best = Hypothesis(0.0, frames, covariances, [GaussianComponent(1.0, frames, covariances)])
             names, others = [name for name, _ in places], np.array([at for _, at in places])

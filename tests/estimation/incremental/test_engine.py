@@ -231,6 +231,30 @@ def test_nothing_is_seen_ahead_of_its_time() -> None:
     assert part.frames[:n] == whole.frames[:n]
 
 
+def test_a_search_that_is_nearly_decided_is_soon_repeated() -> None:
+    """Two people are looked for every half second, and sooner where the last search says that the next may do."""
+    recording = simulated(CLEAN).recording
+    engine, begun = Engine(recording.users, 0), []
+    rest = iter(sorted(messages(recording), key=lambda message: message[0]))
+    t, add = next(rest)
+    for now in (TICK * np.arange(1, 80)).tolist():
+        while t < now:
+            add(engine)
+            t, add = next(rest)
+        before, progress = engine.searched, engine.standings[1].progress
+        engine.advance(now)
+        if engine.searched > before > 0.0:
+            begun.append((now - before, progress))
+        if engine.state(1) is State.REGISTERED:
+            break
+    m = engine.parameters.incremental
+    assert engine.state(1) is State.REGISTERED
+    assert min(after for after, _ in begun) > m.search_interval_near - 1e-6
+    assert max(after for after, _ in begun) < m.search_interval + m.search_interval_near + 1.5 * TICK
+    assert all(progress > 0.5 for after, progress in begun if after < m.search_interval - 1e-6)
+    assert any(after < m.search_interval - 1e-6 for after, _ in begun)
+
+
 def test_two_runs_are_the_same_to_the_last_bit() -> None:
     recording, once = simulated(NOISY).recording, walked(NOISY)
     again = feed(recording, messages(recording))
