@@ -218,7 +218,7 @@ class IncrementalParameters:
     check_interval: float = 30.0
     """s between two checks of known users for other optima and mirror images."""
     doubtful_interval: float = 2.0
-    """s between two, while more ranges are NLOS than `search.doubtful_share`: they judge which these are anew."""
+    """s between two, while more ranges are NLOS than `search.doubtful_share`: what a burst shows may be elsewhere."""
     recent: float = 10.0
     """s: what share of a user's ranges is NLOS, or rejected, is asked of the last so many seconds."""
 
