@@ -220,7 +220,7 @@ class IncrementalParameters:
     check_interval: float = 30.0
     """s between two checks of known users for other optima and mirror images."""
     doubtful_interval: float = 2.0
-    """s between two, while more ranges are NLOS than `search.doubtful_share`: they judge which these are anew."""
+    """s between two, while more ranges are NLOS than `search.doubtful_share`: what a burst shows may be elsewhere."""
     judged_walk: float = 3.0
     """s: a user's place is judged where the last so many seconds of its walk would lie; what lies further back was told
     by the frames of its own time."""

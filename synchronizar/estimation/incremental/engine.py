@@ -415,8 +415,6 @@ class Engine:
         if common is None:
             return
         self._candidates = found.candidates
-        if self.tracking.members:
-            self.tracking.take_odds(found.ranges.serial, found.ranges.nlos_odds)
         self.tracking.noise = found.noise.copy()
         self._found = found
         self.alternatives = []

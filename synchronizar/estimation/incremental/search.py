@@ -54,7 +54,6 @@ def search(snapshot: Snapshot) -> Found | None:
         FoundRanges(
             snapshot.serial[measurements.row],
             assessed.inlier_probability,
-            best.em_weights.nlos_odds,
             assessed.weight,
             -best.graph.residuals(best.states),
         ),

@@ -83,8 +83,6 @@ class FoundRanges(NamedTuple):
 
     serial: Indices
     inlier_probability: Array
-    nlos_odds: Array
-    """Odds of NLOS given the other ranges."""
     weight: Array
     """1/m^2."""
     residual: Array

@@ -44,13 +44,14 @@ from synchronizar.graph.slot_factors import (
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import PoseStream
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
-from synchronizar.preprocessing.range_weights import measured_range_weights
+from synchronizar.preprocessing.range_weights import measured_range_weights, measured_sizes
 from synchronizar.quaternions import rotate_by_quaternions
 
 _REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
 _BURST_SLOTS = 2  # ... and at each update: what came just before tells most of whether a line of sight is blocked
+_SUREST = 27.0  # log odds that a range is NLOS, at most
 _CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
 _STEPS = 5  # Gauss-Newton steps of a graph that is built anew, one an update
 _MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
@@ -123,6 +124,7 @@ class Tracking:
         self._waiting: NewRanges | None = None
         self.slots = SlotStates(len(users))
         self._weight: dict[tuple[int, int], float] = {}
+        self._size: dict[tuple[int, int], float] = {}
         self._judged_at = -1
         self._unsettled = 0
         self._untaken: list[Array] = []
@@ -428,9 +430,11 @@ class Tracking:
         return self.slots.residuals(rows)
 
     def judge(self, first: int, weigh: bool) -> None:
-        """NLOS odds of the ranges from slot `first` on, anew, and their weights where `weigh` says so.
+        """NLOS odds of the ranges from slot `first` on, anew; where `weigh` says so, weights and sizes of errors too.
 
-        Slots in which these changed are put anew.
+        Slots in which odds or weights changed are put anew. A burst shows by how large line-of-sight errors are, which
+        the model has as large as reflections make them. They are measured on those that pass by the model's own sigma:
+        on those that pass by their own measure they would shrink without end.
         """
         rows = self.ranges.rows
         which = np.flatnonzero(rows[:, SLOT] >= first)
@@ -442,7 +446,18 @@ class Tracking:
         whitened = self.residuals(part) / sigma
         change = np.flatnonzero(np.diff(part[:, USER_I]) + len(self.users) * np.diff(part[:, USER_J]) != 0.0) + 1
         bounds = np.concatenate([[0], change, [len(part)]]).astype(np.int32)
-        odds, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts_of(self.parameters))
+        bursts = bursts_of(self.parameters)
+        pair = [(i, j) for i, j in part[bounds[:-1]][:, [USER_I, USER_J]].astype(int).tolist()]
+        size = np.repeat([self._size.get(of, 1.0) for of in pair], np.diff(bounds))
+        if weigh:
+            model, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts)
+            _, robust, _ = mixture_terms(whitened, sigma, model, self._loss)
+            size = measured_sizes(bounds, self._nominal(sigma) / sigma, whitened, robust, self.parameters)
+            self._size.update(zip(pair, size[bounds[:-1]].tolist(), strict=True))
+        odds, _ = burst_nlos_odds_of_pairs(bounds, t, whitened / size, sigma * size, prior, self._loss, bursts)
+        # The loss has the model's sigma: at these residuals it is to say what the chain says.
+        narrower = 0.5 * np.minimum(whitened, 0.0) ** 2 * (size**-2 - 1.0)
+        odds = np.minimum(odds * size * np.exp(np.minimum(narrower, _SUREST)), np.exp(_SUREST))
         weight = self._measured_weights(part, whitened, odds) if weigh else part[:, WEIGHT]
         inlier, inlier_before = (mixture_terms(whitened, sigma, of, self._loss)[2] for of in (odds, before))
         changed = np.abs(inlier - inlier_before) > _CHANGED
@@ -453,32 +468,19 @@ class Tracking:
         for slot in slots:
             self._put(slot)
 
-    def take_odds(self, serial: Indices, nlos_odds: Array) -> None:
-        """NLOS odds of ranges by running index (n,), as a search has them: from outside, where all is solved anew.
-
-        A graph that follows trusts its own judgement; slots in which the search judges otherwise are put anew.
-        """
-        rows = self.ranges.rows
-        _, here, there = np.intersect1d(rows[:, SERIAL].astype(np.int64), serial, return_indices=True)
-        sigma, whitened = rows[here, SIGMA], self.residuals(rows[here]) / rows[here, SIGMA]
-        odds = nlos_odds[there]
-        before = rows[here, NLOS_ODDS].copy()
-        inlier, inlier_before = (mixture_terms(whitened, sigma, of, self._loss)[2] for of in (odds, before))
-        slots = np.unique(rows[here[np.abs(inlier - inlier_before) > _CHANGED], SLOT]).astype(int).tolist()
-        taken = np.isin(rows[here, SLOT], slots)
-        rows[here[taken], NLOS_ODDS] = odds[taken]
-        for slot in slots:
-            self._put(slot)
-
     def _refresh(self) -> None:
         """All estimates of the window."""
         self._read([(user, slot) for slot, users in self.follower.slots.items() for user in users])
+
+    def _nominal(self, sigma: Array) -> Array:
+        """(n,) m: 1 sigma that recordings give, of ranges that have this `sigma` (n,) by the model."""
+        return np.sqrt(np.maximum(sigma**2 - self.parameters.ranges.multipath_sigma**2, 1e-12))
 
     def _measured_weights(self, part: Array, whitened: Array, odds: Array) -> Array:
         """(n,) range weights of ranges (n, columns) sorted by pair, each as if its later neighbours had come."""
         _, weight, _ = mixture_terms(whitened, part[:, SIGMA].copy(), odds, self._loss)
         none = np.zeros((len(part), 3))
-        nominal = np.sqrt(np.maximum(part[:, SIGMA] ** 2 - self.parameters.ranges.multipath_sigma**2, 1e-12))
+        nominal = self._nominal(part[:, SIGMA])
         i, j = part[:, USER_I].astype(np.int32), part[:, USER_J].astype(np.int32)
         t = part[:, T].copy()
         measurements = RangeMeasurements(
@@ -617,7 +619,7 @@ class Tracking:
 
 
 _KEPT = (
-    *("assumed_clock", "noise", "members", "origin", "_waiting", "_weight", "_judged_at", "_unsettled"),
+    *("assumed_clock", "noise", "members", "origin", "_waiting", "_weight", "_size", "_judged_at", "_unsettled"),
     *("_untaken", "_steps", "_priors", "_held", "_given"),
 )
 
