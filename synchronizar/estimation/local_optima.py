@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -27,6 +27,11 @@ _MEASURING_ROUNDS = (4, 2)
 _REFINING_ROUNDS = 4
 _MOST_IMAGES = 6  # mirror images of one optimum that are optimised
 _MOST_COMPARED = 6
+_DRAWS = 3  # of heights, from a prior so many times as wide
+_DRAWN_SIGMAS = 2.0
+_DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
+_SAME_HEIGHT = 0.1  # m
+_SEED = 20  # a fixed draw: the same ranges give the same answer
 BETTER = 1.0  # log likelihood: a smaller difference does not rank two optima
 
 
@@ -172,16 +177,62 @@ def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
     return graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
 
 
-def compare(found: list[LocalOptimum], best: LocalOptimum) -> list[LocalOptimum]:
-    """The optima that explain the ranges: the refined `best`, then those of `found[1:]` not excluded by their cost.
+def other_heights(optimum: LocalOptimum) -> list[LocalOptimum]:
+    """Optima beside one with measured weights that differ from it in heights.
 
-    Costs are compared at the keyframes of `found`, with the range weights measured at the best one.
+    At given walks, scales and biases an optimum's own heights are often the only ones: these have taken up what other
+    heights would explain. So SLAM's own heights begin anew, and a few steps are made with all that is free.
     """
-    if len(found) == 1:
+    graph, states, em_weights = optimum.graph, optimum.states, optimum.em_weights
+    flat = [
+        np.column_stack([at[:, :2], of_user.place[:, 2], at[:, 3]])
+        for at, of_user in zip(states.keyframe_poses, graph.keyframes, strict=True)
+    ]
+    found: list[LocalOptimum] = []
+    known = [states.anchor_poses[graph.free, 2]]
+    for frames in _begun_heights(optimum):
+        begin = states._replace(anchor_poses=frames, keyframe_poses=flat)
+        near = graph.optimised(begin, states.anchor_poses, em_weights, 1.0, _DRAWN_STEPS, _DRAWN_GAIN)
+        heights = near.anchor_poses[graph.free, 2]
+        if any(np.abs(heights - others).max() < _SAME_HEIGHT for others in known):
+            continue
+        known.append(heights)
+        other = graph.run_em(near, em_weights, _FIRST_ROUNDS)
+        if other.cost < optimum.cost + graph.parameters.integrity.cost_excluded_nlos:
+            found.append(other)
+    return found
+
+
+def _begun_heights(optimum: LocalOptimum) -> Iterator[Array]:
+    """Frames (k, 4) with other heights: static radios mirrored one by one, those who walk drawn, each draw both ways."""
+    graph, frames = optimum.graph, optimum.states.anchor_poses
+    static = [u for u in graph.free if graph.users[u].static]
+    walking = [u for u in graph.free if u not in static]
+    mirrored = height_mirrors(graph.to_rigid_ranges(optimum.states), frames, graph.reference)
+    for u in static:
+        yield mirrored[graph.active_users.index(u)]
+    random = np.random.default_rng(_SEED)
+    for _ in range(_DRAWS if walking else 0):
+        drawn = _DRAWN_SIGMAS * graph.height_sigma[walking] * random.standard_normal(len(walking))
+        for sign in (1.0, -1.0):
+            out = frames.copy()
+            out[walking, 2] = sign * drawn
+            yield out
+
+
+def compare(
+    found: list[LocalOptimum], best: LocalOptimum, others_in_height: Sequence[LocalOptimum] = ()
+) -> list[LocalOptimum]:
+    """The optima that explain the ranges: the refined `best`, then those of the others not excluded by their cost.
+
+    `best` is `found[0]` refined. Costs are compared at the keyframes of `found`, with the range weights measured at the
+    best one.
+    """
+    if len(found) == 1 and not others_in_height:
         return [best]
     likely = [s for s in found if s.cost < found[0].cost + best.graph.parameters.search.hopeless_cost][:_MOST_COMPARED]
     compared = []
-    for s in likely:
+    for s in (*likely, *others_in_height):
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
         compared.append(s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS))
     first, *others = compared
