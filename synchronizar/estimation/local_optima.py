@@ -206,17 +206,19 @@ def other_heights(optimum: LocalOptimum) -> list[LocalOptimum]:
 def _begun_heights(optimum: LocalOptimum) -> Iterator[Array]:
     """Frames (k, 4) with other heights: static radios mirrored one by one, those who walk drawn, each draw both ways."""
     graph, frames = optimum.graph, optimum.states.anchor_poses
-    static = [u for u in graph.free if graph.users[u].static]
-    walking = [u for u in graph.free if u not in static]
+    static = np.array([user.static for user in graph.users])
     mirrored = height_mirrors(graph.to_rigid_ranges(optimum.states), frames, graph.reference)
-    for u in static:
-        yield mirrored[graph.active_users.index(u)]
+    for u in graph.free:
+        if static[u]:
+            yield mirrored[graph.active_users.index(u)]
+    if static[graph.free].all():
+        return
     random = np.random.default_rng(_SEED)
-    for _ in range(_DRAWS if walking else 0):
-        drawn = _DRAWN_SIGMAS * graph.height_sigma[walking] * random.standard_normal(len(walking))
-        for sign in (1.0, -1.0):
+    for _ in range(_DRAWS):
+        drawn = _DRAWN_SIGMAS * graph.height_sigma * random.standard_normal(len(static))
+        for heights in (drawn, -drawn):
             out = frames.copy()
-            out[walking, 2] = sign * drawn
+            out[:, 2] = np.where(static, frames[:, 2], heights) - heights[graph.reference]
             yield out
 
 

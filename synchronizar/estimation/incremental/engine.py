@@ -415,6 +415,23 @@ class Engine:
         # Who is not registered yet is followed too, for the others are beside it; but somebody must be, to begin with.
         if joining and (self.tracking.members or any(self.standings[u].is_registered for u in joining)):
             self._join(joining, found, common)
+        self._take_heights(found, common)
+
+    def _take_heights(self, found: Found, common: Array) -> None:
+        """How far the heights that a search holds possible lie from where its users are followed.
+
+        Whose place is proven is told by all that was seen of it: a window may know less.
+        """
+        spread = self.tracking.height_spread
+        for u, own in found.users.items():
+            followed = self.standings[u].placed
+            if u == found.gauge or u not in self.tracking.members or followed is None:
+                continue
+            off = float(self._at(self._placed(u, own, found, common), followed.place)[2] - followed.state[3])
+            new = own.height_spread + off**2
+            spread[u] = min(spread[u], new) if self.standings[u].proven else new
+        if self._members is not None:
+            self._read_members()
 
     def _common_from_graph(self, found: Found) -> Array | None:
         """(4,) x, y, z, yaw: the common frame from that of a search; None where its gauge is followed no more."""

@@ -118,6 +118,8 @@ class Tracking:
         self.ranges = SlotRanges()
         self.assumed_clock = np.zeros(len(users))
         self.noise = np.ones((len(users), 2))
+        self.height_spread = np.zeros(len(users))
+        """(k,) m^2: mean square of how far each user's other possible heights lie from where it is followed."""
         self.members: dict[int, Tracked] = {}
         self.origin = np.nan
         """s, range clock: when slot 0 begins."""
@@ -420,6 +422,7 @@ class Tracking:
         """One more user, who is not followed yet."""
         self.users = (*self.users, user)
         self.assumed_clock, self.noise = np.append(self.assumed_clock, 0.0), np.vstack([self.noise, [1.0, 1.0]])
+        self.height_spread = np.append(self.height_spread, 0.0)
 
     def residuals(self, rows: Array) -> Array:
         """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
@@ -577,6 +580,7 @@ class Tracking:
         for slot in slots:
             self._put(slot)
         self.members.pop(user)
+        self.height_spread[user] = 0.0
         if any(held for (u, _), (_, held) in self._held.items() if u == user):
             # It was the one that all were beside: from now on that is who is there longest.
             slot, left = next((n, us) for n, us in self.follower.slots.items() if any(u != user for u in us))
@@ -635,8 +639,8 @@ class Tracking:
 
 
 _KEPT = (
-    *("assumed_clock", "noise", "members", "origin", "_waiting", "_stamps", "_states", "_weight", "_judged_at"),
-    *("_untaken", "_steps", "_priors", "_held", "_given"),
+    *("assumed_clock", "noise", "height_spread", "members", "origin", "_waiting", "_stamps", "_states", "_weight"),
+    *("_judged_at", "_untaken", "_steps", "_priors", "_held", "_given"),
 )
 
 
