@@ -61,7 +61,7 @@ class RigidGraph(PoseGraph):
     def initial_em_weights(self) -> EmWeights:
         """Nothing is known yet; each range counts as one."""
         k, one = len(self.users), np.ones(len(self.measurements))
-        return EmWeights(self.measurements.nlos_odds, one, [np.ones(0)] * k, np.ones((k + 1, 3)))
+        return EmWeights(self.measurements.nlos_odds, one, [np.ones(0)] * k, np.ones((k + 1, 3)), np.ones(k))
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:  # noqa: ARG002 - the face of PoseGraph
         """The same: each range counts as one."""
@@ -72,10 +72,12 @@ class RigidGraph(PoseGraph):
         return states.anchor_poses.copy()
 
     def cost(self, frames: Array) -> float:
-        """The sum of the losses of all ranges, each by itself, and of the heights' prior, at frames (k, 4)."""
+        """The sum of the losses of all ranges, each by itself, and of the heights' prior as a normal, at frames (k, 4)."""
         poses = _poses(frames)
         ranges = sum(block.cost(poses[pair.i], poses[pair.j], self.loss) for pair, block in self._blocks)
-        return ranges + self._height_cost(frames)
+        mean = self.mean_height(frames, np.ones(len(frames)))
+        off = (frames[self.active_users, 2] - mean) / self.height_sigma[self.active_users]
+        return ranges + 0.5 * float(off @ off)
 
     def other_heights(self, frames: Array, excluded: float) -> list[Array]:
         """Joint placements (k, 4) that differ from `frames` in heights alone and explain the ranges.
