@@ -27,8 +27,7 @@ _MEASURING_ROUNDS = (4, 2)
 _REFINING_ROUNDS = 4
 _MOST_IMAGES = 6  # mirror images of one optimum that are optimised
 _MOST_COMPARED = 6
-_DRAWS = 3  # of heights, from a prior so many times as wide
-_DRAWN_SIGMAS = 2.0
+_DRAWN_SIGMAS = (2.0, 3.0, 4.0)  # of heights: from priors so many times as wide
 _DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
 _SAME_HEIGHT = 0.1  # m
 _SEED = 20  # a fixed draw: the same ranges give the same answer
@@ -177,8 +176,8 @@ def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
     return graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
 
 
-def other_heights(optimum: LocalOptimum) -> list[LocalOptimum]:
-    """Optima beside one with measured weights that differ from it in heights.
+def other_heights(optimum: LocalOptimum, begun: Sequence[Array] = ()) -> list[LocalOptimum]:
+    """Optima beside one with measured weights that differ from it in heights; `begun` (k,) m are some found before.
 
     At given walks, scales and biases an optimum's own heights are often the only ones: these have taken up what other
     heights would explain. So SLAM's own heights begin anew, and a few steps are made with all that is free.
@@ -190,22 +189,29 @@ def other_heights(optimum: LocalOptimum) -> list[LocalOptimum]:
     ]
     found: list[LocalOptimum] = []
     known = [states.anchor_poses[graph.free, 2]]
-    for frames in _begun_heights(optimum):
+    for frames in _begun_heights(optimum, begun):
         begin = states._replace(anchor_poses=frames, keyframe_poses=flat)
-        near = graph.optimised(begin, states.anchor_poses, em_weights, 1.0, _DRAWN_STEPS, _DRAWN_GAIN)
+        # A height far from the others' is one that the prior holds but loosely.
+        height_weight, _ = graph.height_weights(frames, em_weights.height_weight)
+        loose = replace(em_weights, height_weight=height_weight)
+        near = graph.optimised(begin, states.anchor_poses, loose, 1.0, _DRAWN_STEPS, _DRAWN_GAIN)
         heights = near.anchor_poses[graph.free, 2]
         if any(np.abs(heights - others).max() < _SAME_HEIGHT for others in known):
             continue
         known.append(heights)
-        other = graph.run_em(near, em_weights, _FIRST_ROUNDS)
+        other = graph.run_em(near, loose, _FIRST_ROUNDS)
         if other.cost < optimum.cost + graph.parameters.integrity.cost_excluded_nlos:
             found.append(other)
     return found
 
 
-def _begun_heights(optimum: LocalOptimum) -> Iterator[Array]:
-    """Frames (k, 4) with other heights: static radios mirrored one by one, those who walk drawn, each draw both ways."""
+def _begun_heights(optimum: LocalOptimum, begun: Sequence[Array]) -> Iterator[Array]:
+    """Frames (k, 4) with other heights: those `begun`, static radios mirrored one by one, and draws, each both ways."""
     graph, frames = optimum.graph, optimum.states.anchor_poses
+    for heights in begun:
+        relative = heights - heights[graph.reference]
+        if np.abs(relative - frames[:, 2])[graph.free].max() > _SAME_HEIGHT:
+            yield np.column_stack([frames[:, :2], relative, frames[:, 3]])
     static = np.array([user.static for user in graph.users])
     mirrored = height_mirrors(graph.to_rigid_ranges(optimum.states), frames, graph.reference)
     for u in graph.free:
@@ -214,8 +220,8 @@ def _begun_heights(optimum: LocalOptimum) -> Iterator[Array]:
     if static[graph.free].all():
         return
     random = np.random.default_rng(_SEED)
-    for _ in range(_DRAWS):
-        drawn = _DRAWN_SIGMAS * graph.height_sigma * random.standard_normal(len(static))
+    for sigmas in _DRAWN_SIGMAS:
+        drawn = sigmas * graph.height_sigma * random.standard_normal(len(static))
         for heights in (drawn, -drawn):
             out = frames.copy()
             out[:, 2] = np.where(static, frames[:, 2], heights) - heights[graph.reference]

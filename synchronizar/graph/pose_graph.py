@@ -259,7 +259,7 @@ class PoseGraph:
         calibration_weight, tail = (
             self._calibration_weights(states, before) if self.calibrations else (before.calibration_weight, 0.0)
         )
-        height_weight, of_heights = self._height_weights(states.anchor_poses, before.height_weight)
+        height_weight, of_heights = self.height_weights(states.anchor_poses, before.height_weight)
         after = EmWeights(odds, before.range_weight, weights, calibration_weight, height_weight)
         return after, cost + tail + of_heights
 
@@ -291,7 +291,7 @@ class PoseGraph:
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
         return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)
 
-    def _height_weights(self, frames: Array, before: Array) -> tuple[Array, float]:
+    def height_weights(self, frames: Array, before: Array) -> tuple[Array, float]:
         """Weights (k,) of the origins' heights about their mean, and their cost."""
         squares = np.zeros(len(self.users))
         users = self.active_users

@@ -72,7 +72,7 @@ class RigidGraph(PoseGraph):
         return states.anchor_poses.copy()
 
     def cost(self, frames: Array) -> float:
-        """The sum of the losses of all ranges, each by itself, and of the heights' prior as a normal, at frames (k, 4)."""
+        """The sum of the losses of all ranges, each by itself, and of the heights' normal prior, at frames (k, 4)."""
         poses = _poses(frames)
         ranges = sum(block.cost(poses[pair.i], poses[pair.j], self.loss) for pair, block in self._blocks)
         mean = self.mean_height(frames, np.ones(len(frames)))

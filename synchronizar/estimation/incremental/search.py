@@ -131,6 +131,7 @@ def _found(snapshot: Snapshot, assessed: Assessment, user: int) -> FoundUser:
         _is_single(assessed.hypotheses[0], assessed.extent, user, graph.parameters),
         _rejected(snapshot, assessed, user),
         _height_spread(assessed.hypotheses[0], user),
+        float(assessed.optimum.em_weights.height_weight[user]),
     )
 
 
