@@ -167,6 +167,7 @@ def test_the_graphs_error_is_the_sum_of_its_parts(annealing: float) -> None:
         random.uniform(0.1, 1.0, len(graph.measurements)),
         [random.uniform(0.3, 1.5, len(k.step_sigma)) for k in graph.keyframes],
         np.ones((4, 3)),
+        np.ones(3),
     )
     found = GtsamForm(graph).factors(states.anchor_poses, em_weights, annealing).error(GtsamForm(graph).values(states))
     whitened = graph.residuals(states) / graph.sigma / annealing
