@@ -192,7 +192,7 @@ def other_heights(optimum: LocalOptimum, begun: Sequence[Array] = ()) -> list[Lo
     for frames in _begun_heights(optimum, begun):
         begin = states._replace(anchor_poses=frames, keyframe_poses=flat)
         # A height far from the others' is one that the prior holds but loosely.
-        height_weight, _ = graph.height_weights(frames, em_weights.height_weight)
+        height_weight, _ = graph.height_weights(frames)
         loose = replace(em_weights, height_weight=height_weight)
         near = graph.optimised(begin, states.anchor_poses, loose, 1.0, _DRAWN_STEPS, _DRAWN_GAIN)
         heights = near.anchor_poses[graph.free, 2]

@@ -33,6 +33,7 @@ _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes b
 _GAIN = 0.001  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
 _GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
 _ITERATIONS = 10
+_LEVEL_ROUNDS = 5  # of expectation maximisation by which the origins' mean height is found
 
 
 @dataclass(frozen=True)
@@ -259,7 +260,7 @@ class PoseGraph:
         calibration_weight, tail = (
             self._calibration_weights(states, before) if self.calibrations else (before.calibration_weight, 0.0)
         )
-        height_weight, of_heights = self.height_weights(states.anchor_poses, before.height_weight)
+        height_weight, of_heights = self.height_weights(states.anchor_poses)
         after = EmWeights(odds, before.range_weight, weights, calibration_weight, height_weight)
         return after, cost + tail + of_heights
 
@@ -291,12 +292,15 @@ class PoseGraph:
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
         return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)
 
-    def height_weights(self, frames: Array, before: Array) -> tuple[Array, float]:
-        """Weights (k,) of the origins' heights about their mean, and their cost."""
+    def height_weights(self, frames: Array) -> tuple[Array, float]:
+        """Weights (k,) of the origins' heights about their most likely mean, and their cost."""
+        weight, cost, users = np.ones(len(self.users)), 0.0, self.active_users
         squares = np.zeros(len(self.users))
-        users = self.active_users
-        squares[users] = ((frames[users, 2] - self.mean_height(frames, before)) / self.height_sigma[users]) ** 2
-        return _student(squares, self.parameters.priors.height_dof, 1)
+        for _ in range(_LEVEL_ROUNDS):
+            off = frames[users, 2] - self.mean_height(frames, weight)
+            squares[users] = (off / self.height_sigma[users]) ** 2
+            weight, cost = _student(squares, self.parameters.priors.height_dof, 1)
+        return weight, cost
 
     def mean_height(self, frames: Array, height_weight: Array) -> float:
         """The most likely mean height (m) of the origins, at anchor poses (k, 4) and weights (k,)."""

@@ -67,6 +67,11 @@ class RigidGraph(PoseGraph):
         """The same: each range counts as one."""
         return em_weights
 
+    def height_weights(self, frames: Array) -> tuple[Array, float]:
+        """All 1: a normal prior. With longer tails the mirror images of a level walk stay possible."""
+        off = (frames[:, 2] - self.mean_height(frames, np.ones(len(frames)))) / self.height_sigma
+        return np.ones(len(frames)), 0.5 * float(np.square(off[self.active_users]).sum())
+
     def last_poses(self, states: States) -> Array:
         """(k, 4) x, y, z (m), yaw (rad): where each anchor is."""
         return states.anchor_poses.copy()
@@ -75,9 +80,7 @@ class RigidGraph(PoseGraph):
         """The sum of the losses of all ranges, each by itself, and of the heights' normal prior, at frames (k, 4)."""
         poses = _poses(frames)
         ranges = sum(block.cost(poses[pair.i], poses[pair.j], self.loss) for pair, block in self._blocks)
-        mean = self.mean_height(frames, np.ones(len(frames)))
-        off = (frames[self.active_users, 2] - mean) / self.height_sigma[self.active_users]
-        return ranges + 0.5 * float(off @ off)
+        return ranges + self.height_weights(frames)[1]
 
     def other_heights(self, frames: Array, excluded: float) -> list[Array]:
         """Joint placements (k, 4) that differ from `frames` in heights alone and explain the ranges.
