@@ -136,7 +136,10 @@ def _found(snapshot: Snapshot, assessed: Assessment, user: int) -> FoundUser:
 
 
 def _is_single(best: Hypothesis, extent: Array, user: int, parameters: Parameters) -> bool:
-    where = np.array([places(m.frames, extent)[user, :, :2] for m in best.components_of(user)])
+    components, least = best.components_of(user), parameters.integrity.wrong_share
+    total = sum(m.weight for m in components)
+    likely = [components[0], *(m for m in components[1:] if m.weight > least * total)]
+    where = np.array([places(m.frames, extent)[user, :, :2] for m in likely])
     return bool(np.linalg.norm(where - where[0], axis=2).max() < _PARTING * parameters.integrity.largest_error)
 
 
