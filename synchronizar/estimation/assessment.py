@@ -66,8 +66,9 @@ def assess(
     progress = np.full(len(graph.users), np.nan)
     for u in graph.free:
         progress[u] = min(1.0, nearness(found[0], u, graph.users[u].static, extent[u], parameters))
-    if len(found) > 1:  # as far as the next best hypothesis is excluded
-        progress *= min(1.0, max(found[1].cost - found[0].cost, 0.0) / parameters.integrity.cost_excluded_nlos)
+    if len(found) > 1 and found[0].agreed is not None:  # as far as the next best hypothesis is excluded
+        excluded = min(1.0, max(found[1].cost - found[0].cost, 0.0) / parameters.integrity.cost_excluded_nlos)
+        progress[~found[0].agreed] *= excluded
     progress[graph.reference] = 1.0
     covariances = np.zeros((len(graph.users), 6, 6))
     covariances[:, :4, :4] = found[0].covariances

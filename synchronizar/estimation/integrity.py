@@ -17,6 +17,7 @@ from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.parameters import Parameters
 
 _NAMES = ("x", "y", "z", "yaw")
+_Z = 2
 _LEAST = 1e-9  # m and rad: lower bound of a sigma that is divided by
 _DIRECTIONS = 32  # in a quarter turn
 
@@ -67,9 +68,11 @@ def verdicts(
     own frame. Users that are `registered` already stay so up to a higher probability of being wrong.
     """
     best = found[0]
-    apart = np.zeros(len(graph.users))
+    apart, in_plane = np.zeros(len(graph.users)), np.zeros(len(graph.users))
     for other in found[1:]:
         apart = np.fmax(apart, moved(best.frames, other.frames, extent))
+        level = np.where(np.arange(4) == _Z, best.frames, other.frames)
+        in_plane = np.fmax(in_plane, moved(best.frames, level, extent))
     out: list[Verdict | None] = [None] * len(graph.users)
     out[graph.reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
     for u in graph.free:
@@ -86,6 +89,8 @@ def verdicts(
             state = State.UNOBSERVABLE
         if apart[u] > parameters.integrity.largest_error and state is State.REGISTERED:
             state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
+            if in_plane[u] <= parameters.integrity.largest_error:
+                reason += ", apart in height: set height_sigma, if its height is known better"
         out[u] = Verdict(state, reason, direction, dominated)
     return out
 

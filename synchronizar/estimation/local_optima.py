@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -24,6 +24,10 @@ _MEASURING_ROUNDS = (4, 2)
 _REFINING_ROUNDS = 4
 _MOST_IMAGES = 6  # mirror images of one optimum that are optimised
 _MOST_COMPARED = 6
+_DRAWN_SIGMAS = (2.0, 4.0)  # of heights: from priors so many times as wide
+_DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
+_SAME_HEIGHT = 0.1  # m
+_SEED = 20  # a fixed draw: the same ranges give the same answer
 BETTER = 1.0  # log likelihood: a smaller difference does not rank two optima
 
 
@@ -173,16 +177,71 @@ def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
     return graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
 
 
-def compare(found: list[LocalOptimum], best: LocalOptimum) -> list[LocalOptimum]:
-    """The optima that explain the ranges: the refined `best`, then those of `found[1:]` not excluded by their cost.
+def other_heights(optimum: LocalOptimum, begun: Sequence[Array] = ()) -> list[LocalOptimum]:
+    """Optima beside one with measured weights that differ from it in heights; `begun` (k,) m are some found before.
 
-    Costs are compared at the keyframes of `found`, with the range weights measured at the best one.
+    At given walks, scales and biases an optimum's own heights are often the only ones: these have taken up what other
+    heights would explain. So SLAM's own heights begin anew, and a few steps are made with all that is free.
     """
-    if len(found) == 1:
+    graph, states, em_weights = optimum.graph, optimum.states, optimum.em_weights
+    flat = [
+        np.column_stack([at[:, :2], of_user.place[:, 2], at[:, 3]])
+        for at, of_user in zip(states.keyframe_poses, graph.keyframes, strict=True)
+    ]
+    found: list[LocalOptimum] = []
+    known = [states.anchor_poses[graph.free, 2]]
+    for frames in _begun_heights(optimum, begun):
+        begin = states._replace(anchor_poses=frames, keyframe_poses=flat)
+        # A height far from the others' is one that the prior holds but loosely.
+        height_weight, _ = graph.height_weights(frames)
+        loose = replace(em_weights, height_weight=height_weight)
+        near = graph.optimised(begin, states.anchor_poses, loose, 1.0, _DRAWN_STEPS, _DRAWN_GAIN)
+        heights = near.anchor_poses[graph.free, 2]
+        if any(np.abs(heights - others).max() < _SAME_HEIGHT for others in known):
+            continue
+        known.append(heights)
+        other = graph.run_em(near, loose, _FIRST_ROUNDS)
+        if other.cost < optimum.cost + graph.parameters.integrity.cost_excluded_nlos:
+            found.append(other)
+    return found
+
+
+def _begun_heights(optimum: LocalOptimum, begun: Sequence[Array]) -> Iterator[Array]:
+    """Frames (k, 4) with other heights: those `begun`, static radios mirrored one by one, and draws, each both ways."""
+    graph, frames = optimum.graph, optimum.states.anchor_poses
+    for heights in begun:
+        relative = heights - heights[graph.reference]
+        if np.abs(relative - frames[:, 2])[graph.free].max() > _SAME_HEIGHT:
+            yield np.column_stack([frames[:, :2], relative, frames[:, 3]])
+    static = np.array([user.static for user in graph.users])
+    mirrored = height_mirrors(graph.to_rigid_ranges(optimum.states), frames, graph.reference)
+    for u in graph.free:
+        if static[u]:
+            yield mirrored[graph.active_users.index(u)]
+    if static[graph.free].all():
+        return
+    random = np.random.default_rng(_SEED)
+    for sigmas in _DRAWN_SIGMAS:
+        drawn = sigmas * graph.height_sigma * random.standard_normal(len(static))
+        for heights in (drawn, -drawn):
+            out = frames.copy()
+            out[:, 2] = np.where(static, frames[:, 2], heights) - heights[graph.reference]
+            yield out
+
+
+def compare(
+    found: list[LocalOptimum], best: LocalOptimum, others_in_height: Sequence[LocalOptimum] = ()
+) -> list[LocalOptimum]:
+    """The optima that explain the ranges: the refined `best`, then those of the others not excluded by their cost.
+
+    `best` is `found[0]` refined. Costs are compared at the keyframes of `found`, with the range weights measured at the
+    best one.
+    """
+    if len(found) == 1 and not others_in_height:
         return [best]
     likely = [s for s in found if s.cost < found[0].cost + best.graph.parameters.search.hopeless_cost][:_MOST_COMPARED]
     compared = []
-    for s in likely:
+    for s in (*likely, *others_in_height):
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
         compared.append(s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS))
     first, *others = compared

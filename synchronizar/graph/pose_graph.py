@@ -34,6 +34,7 @@ _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes b
 _GAIN = 0.001  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
 _GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
 _ITERATIONS = 10
+_LEVEL_ROUNDS = 5  # of expectation maximisation by which the origins' mean height is found
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ class EmWeights:
     calibration_weight: Array
     """(k + 1, 3): the same weight of each device's deviation from the shared log scale, bias and clock offset; the last
     row is that of the shared calibration's deviation from zero."""
+    height_weight: Array
+    """(k,): the same weight of each origin's height about the mean level."""
 
 
 class LocalOptimum(NamedTuple):
@@ -189,7 +192,7 @@ class PoseGraph:
             about[users],
             m.priors.place_sigma,
             self.yaw_sigma,
-            self.height_sigma[users],
+            self.height_sigma[users] / np.sqrt(em_weights.height_weight[users]),
             own / weight[users],
             common / weight[-1],
             self.assumed_clock[users],
@@ -236,7 +239,8 @@ class PoseGraph:
         """Initial weights, from the priors."""
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         first = prior_range_weights(self.measurements, self.parameters)
-        return EmWeights(self.measurements.nlos_odds, first, weights, np.ones((len(self.users) + 1, 3)))
+        k = len(self.users)
+        return EmWeights(self.measurements.nlos_odds, first, weights, np.ones((k + 1, 3)), np.ones(k))
 
     def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:
         """EM weights re-estimated at these states, and the states' negative log likelihood.
@@ -257,9 +261,9 @@ class PoseGraph:
         calibration_weight, tail = (
             self._calibration_weights(states, before) if self.calibrations else (before.calibration_weight, 0.0)
         )
-        return EmWeights(odds, before.range_weight, weights, calibration_weight), cost + tail + self._height_cost(
-            states.anchor_poses
-        )
+        height_weight, of_heights = self.height_weights(states.anchor_poses)
+        after = EmWeights(odds, before.range_weight, weights, calibration_weight, height_weight)
+        return after, cost + tail + of_heights
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
         """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
@@ -289,14 +293,19 @@ class PoseGraph:
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
         return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)
 
-    def _height_cost(self, frames: Array) -> float:
-        heights, weight = frames[self.active_users, 2], self.height_sigma[self.active_users] ** -2
-        mean = self.mean_height(frames)
-        return 0.5 * float((weight * (heights - mean) ** 2).sum())
+    def height_weights(self, frames: Array) -> tuple[Array, float]:
+        """Weights (k,) of the origins' heights about their most likely mean, and their cost."""
+        weight, cost, users = np.ones(len(self.users)), 0.0, self.active_users
+        squares = np.zeros(len(self.users))
+        for _ in range(_LEVEL_ROUNDS):
+            off = frames[users, 2] - self.mean_height(frames, weight)
+            squares[users] = (off / self.height_sigma[users]) ** 2
+            weight, cost = _student(squares, self.parameters.priors.height_dof, 1)
+        return weight, cost
 
-    def mean_height(self, frames: Array) -> float:
-        """The most likely mean height (m) of the origins, at anchor poses (k, 4)."""
-        weight = self.height_sigma[self.active_users] ** -2
+    def mean_height(self, frames: Array, height_weight: Array) -> float:
+        """The most likely mean height (m) of the origins, at anchor poses (k, 4) and weights (k,)."""
+        weight = height_weight[self.active_users] / self.height_sigma[self.active_users] ** 2
         return float(weight @ frames[self.active_users, 2] / weight.sum())
 
     # Optimisation

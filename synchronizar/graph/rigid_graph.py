@@ -76,7 +76,7 @@ class RigidGraph(PoseGraph):
 
     def _weights(self, nlos_odds: Array) -> EmWeights:
         k = len(self.users)
-        return EmWeights(nlos_odds, np.ones(len(nlos_odds)), [np.ones(0)] * k, np.ones((k + 1, 3)))
+        return EmWeights(nlos_odds, np.ones(len(nlos_odds)), [np.ones(0)] * k, np.ones((k + 1, 3)), np.ones(k))
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:  # noqa: ARG002 - the face of PoseGraph
         """The same: each range counts as one."""

@@ -49,6 +49,7 @@ _FIRST_SEARCH = 1.0  # s after the first range
 _JUDGED_AFTER, _FORGOTTEN_AFTER, _CUED_AFTER = 0.15, 0.25, 0.35
 _MORE_FORGOTTEN = 2  # slots at once, beside those that went by
 _LEAST_PROGRESS = 0.01  # less is not told from none
+_PARTED, _PARTED_SIGMAS = 0.25, 3.0  # of the largest error, of a search's: who is further off in height is elsewhere
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
 
 
@@ -435,6 +436,25 @@ class Engine:
         # Who is not registered yet is followed too, for the others are beside it; but somebody must be, to begin with.
         if joining and (self.tracking.members or any(self.standings[u].is_registered for u in joining)):
             self._join(joining, found, common)
+        self._take_heights(found, common)
+
+    def _take_heights(self, found: Found, common: Array) -> None:
+        """How far the heights that a search holds possible lie from where its users are followed.
+
+        What a height is known to at one optimum grows with every slot, rightly or not; a search sees the others. Whose
+        place is proven is told by all that was seen of it: a window may know less.
+        """
+        spread = self.tracking.height_spread
+        for u, own in found.users.items():
+            followed = self.standings[u].placed
+            if u == found.gauge or u not in self.tracking.members or followed is None:
+                continue
+            off = float(self._at(self._placed(u, own, found, common), followed.place)[2] - followed.state[3])
+            known = float(followed.covariance[2, 2] - spread[u])
+            new = max(own.height_spread, float(own.covariance[2, 2]) - known) + off**2
+            spread[u] = min(spread[u], new) if self.standings[u].proven else new
+        if self._members is not None:
+            self._read_members()
 
     def _common_from_graph(self, found: Found) -> Array | None:
         """(4,) x, y, z, yaw: the common frame from that of a search; None where its gauge is followed no more."""
@@ -470,10 +490,12 @@ class Engine:
         state, reason = own.verdict.state, own.verdict.reason
         follows = user in self.tracking.members
         standing.progress = own.progress
-        elsewhere = (
-            follows
-            and self._elsewhere(user, placed)
-            and self._gain_elsewhere(user, found) > self.parameters.integrity.cost_excluded
+        elsewhere = follows and (
+            (
+                self._elsewhere(user, placed)
+                and self._gain_elsewhere(user, found) > self.parameters.integrity.cost_excluded
+            )
+            or self._at_other_height(user, own, placed)
         )
         if state is State.REGISTERED and elsewhere:
             self._unfollow(user)
@@ -530,6 +552,15 @@ class Engine:
         apart = float(np.linalg.norm(there - here))
         return apart > 0.5 * m.largest_error or turn > 0.5 * m.largest_yaw_error
 
+    def _at_other_height(self, user: int, own: FoundUser, placed: Placed) -> bool:
+        """Whether a search leaves no doubt that a user is higher or lower than it is followed to be."""
+        followed = self.standings[user].placed
+        if followed is None or own.verdict.state is not State.REGISTERED:
+            return False
+        off = abs(float(self._at(placed, followed.place)[2] - followed.state[3]))
+        least = _PARTED * self.parameters.integrity.largest_error
+        return off > max(least, _PARTED_SIGMAS * float(np.sqrt(own.covariance[2, 2])))
+
     def _at(self, placed: Placed, place: Array) -> Array:
         """(3,) m: where a place (3,) in a user's repaired SLAM frame is in the common one."""
         x, y, yaw, height, log_scale = placed.state[:5].tolist()
@@ -579,7 +610,7 @@ class Engine:
         clock = 0.0 if self.users[user].static else float(own.calibration[2])
         rest = np.tile([own.calibration[0], own.calibration[1], 0.0], (len(at), 1))
         states = np.column_stack([at[:, :2], yaw, at[:, 2], rest])
-        return JoiningUser(poses.slots, poses.stamps[:-1], poses.places[:-1], states, clock)
+        return JoiningUser(poses.slots, poses.stamps[:-1], poses.places[:-1], states, clock, own.height_weight)
 
     def _join(self, joining: dict[int, JoiningUser], found: Found, common: Array) -> None:
         """Follow more users."""

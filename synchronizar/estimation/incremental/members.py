@@ -74,6 +74,7 @@ class Members:
         own = self._joint[n, :, n]
         covariance = np.zeros((6, 6))
         covariance[:_POSE, :_POSE] = own[:_POSE, :_POSE]
+        covariance[2, 2] += self.tracking.height_spread[user]
         if self.reference in self._row:
             r = self._row[self.reference]
             covariance[5, 5] = self._joint[r, 4, r, 4]
@@ -91,7 +92,10 @@ class Members:
         against[0, 3], against[1, 3] = -offset[1], offset[0]
         own, other = self._joint[n, :4, n, :4], self._joint[g, :4, g, :4]
         cross = self._joint[n, :4, g, :4] @ against.T
-        return np.asarray(own + against @ other @ against.T - cross - cross.T)
+        out = own + against @ other @ against.T - cross - cross.T
+        # The graph has one height of each; the others that searches see are told beside it.
+        out[2, 2] += self.tracking.height_spread[user] + self.tracking.height_spread[gauge]
+        return np.asarray(out)
 
     def extent(self, user: int, since: float) -> Array:
         """(c, 3) m: extent points of a member's walk since its own stamp, about where its newest slot begins."""

@@ -86,6 +86,8 @@ class JoiningUser(NamedTuple):
     """(m, 7) as in `Tracked`; the clock counts from `clock`."""
     clock: float
     """s: its clock offset."""
+    height_weight: float = 1.0
+    """Of the prior of its height."""
 
 
 class NewRanges(NamedTuple):
@@ -117,6 +119,10 @@ class Tracking:
         self.ranges = SlotRanges()
         self.assumed_clock = np.zeros(len(users))
         self.noise = np.ones((len(users), 2))
+        self.height_weight = np.ones(len(users))
+        """(k,): of the prior of each user's height, by the search that it joined with."""
+        self.height_spread = np.zeros(len(users))
+        """(k,) m^2: mean square of how far each user's other possible heights lie from where it is followed."""
         self.members: dict[int, Tracked] = {}
         self.origin = np.nan
         """s, range clock: when slot 0 begins."""
@@ -424,6 +430,8 @@ class Tracking:
         self.users = (*self.users, user)
         self.slots.add_user()
         self.assumed_clock, self.noise = np.append(self.assumed_clock, 0.0), np.vstack([self.noise, [1.0, 1.0]])
+        self.height_spread = np.append(self.height_spread, 0.0)
+        self.height_weight = np.append(self.height_weight, 1.0)
 
     def residuals(self, rows: Array) -> Array:
         """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
@@ -502,7 +510,7 @@ class Tracking:
     def join(self, new: Mapping[int, JoiningUser], reference: int | None) -> None:
         """Follow users from now on, as a search found them; `reference` begins the common frame."""
         for user, found in new.items():
-            self.assumed_clock[user] = found.clock
+            self.assumed_clock[user], self.height_weight[user] = found.clock, found.height_weight
         for user, found in new.items():
             self._insert_all(user, found)
         first = {u: min(slot for slot, users in self.follower.slots.items() if u in users) for u in self.members}
@@ -538,7 +546,7 @@ class Tracking:
     def _joining(self, user: int, slot: int) -> Joining:
         own, _ = calibration_sigmas(self.parameters)
         height = float(self.slots.place(user, slot)[2])
-        sigma = height_sigma_of(self.users[user], self.parameters) / np.sqrt(2.0)
+        sigma = height_sigma_of(self.users[user], self.parameters) / np.sqrt(2.0 * self.height_weight[user])
         return Joining(user, slot, height, float(self.assumed_clock[user]), sigma, own)
 
     def _insert_all(self, user: int, found: JoiningUser) -> None:
@@ -560,6 +568,7 @@ class Tracking:
         for slot in slots:
             self._put(slot)
         self.members.pop(user)
+        self.height_spread[user] = 0.0
         if any(held for (u, _), (_, held) in self._held.items() if u == user):
             # It was the one that all were beside: from now on that is who is there longest.
             slot, left = next((n, us) for n, us in self.follower.slots.items() if any(u != user for u in us))
@@ -619,8 +628,8 @@ class Tracking:
 
 
 _KEPT = (
-    *("assumed_clock", "noise", "members", "origin", "_waiting", "_weight", "_size", "_judged_at", "_unsettled"),
-    *("_untaken", "_steps", "_priors", "_held", "_given"),
+    *("assumed_clock", "noise", "height_spread", "height_weight", "members", "origin", "_waiting", "_weight", "_size"),
+    *("_judged_at", "_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
 )
 
 
