@@ -232,7 +232,7 @@ def test_what_is_older_than_the_window_is_forgotten_and_not_what_it_told() -> No
     tracking = people.follow(9.0)
     for _ in range(5):  # until it stands
         tracking.follower.update()
-    tracking.advance(9.0, set())
+    tracking._refresh()
     before = {u: tracking.members[u].state.copy() for u in tracking.members}
     tracking.forget(5)
     assert list(tracking.follower.slots) == [5, 6, 7, 8]
