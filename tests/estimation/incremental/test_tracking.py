@@ -247,6 +247,9 @@ def test_what_is_older_than_the_window_is_forgotten_and_not_what_it_told() -> No
     people = People(sigma=0.05)
     people.begin()
     tracking = people.follow(9.0)
+    for _ in range(5):  # until it stands
+        tracking.follower.update()
+    tracking._refresh()
     before = {u: tracking.members[u].state.copy() for u in tracking.members}
     tracking.forget(5)
     assert list(tracking.follower.slots) == [5, 6, 7, 8]
