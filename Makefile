@@ -31,6 +31,8 @@ test: $(VENV)/tested-with $(CTEST)/built
 	$(BIN)/ctest --test-dir $(CTEST) --output-on-failure --parallel 2
 	PATH="$(abspath $(BIN)):$$PATH" firmware/tests/run.sh
 	$(BIN)/python firmware/tests/mutations.py $(CTEST)
+	-tools/have.sh chromium
+	-tools/have.sh npm
 	$(BIN)/python -m pytest
 
 lint: $(VENV)/linted-with $(CTEST)/built
@@ -42,6 +44,8 @@ lint: $(VENV)/linted-with $(CTEST)/built
 	printf '%s\n' $(CORE_SOURCES) | xargs -P 2 -n 2 $(BIN)/clang-tidy --quiet -p $(CTEST)
 	if tools/have.sh cppcheck; then cppcheck --quiet --enable=warning,performance,portability,style --error-exitcode=1 \
 		-I firmware/core firmware/core firmware/targets/esp-idf; fi
+	if tools/have.sh npm; then npm install --silent --no-audit --no-fund --prefix build/eslint eslint@10.15.0 && \
+		build/eslint/node_modules/.bin/eslint --max-warnings 0 synchronizar/live/pages tests/live/js; fi
 
 # The pages of docs/ in build/docs; a warning, or a link that leads nowhere, is an error.
 docs: $(VENV)/documented-with

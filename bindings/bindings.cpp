@@ -12,17 +12,24 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <tuple>
 #include <utility>
 
 #include "factors/adjustment.h"
+#include "factors/common_shift.h"
+#include "factors/followed_ranges.h"
 #include "factors/height_search.h"
+#include "factors/mixture_terms.h"
 #include "factors/neighbours.h"
 #include "factors/nlos_bursts.h"
 #include "factors/placement_search.h"
+#include "factors/pose_table.h"
 #include "factors/range_block.h"
 #include "factors/range_slot.h"
+#include "factors/residual_statistics.h"
+#include "factors/rigid_solver.h"
 #include "factors/walk_solver.h"
 
 namespace nb = nanobind;
@@ -102,6 +109,10 @@ void check_states(const WalkSolver& solver, const WalkPlaces& places, const Thre
   require(noise.nlos_odds.size() == walks.measured.size() && noise.step_sigma.rows() == places.rows() &&
               noise.about.rows() == walks.users,
           "the noise is that of other walks");
+}
+
+void check_frames(const RigidSolver& solver, const Frames& frames) {
+  require(frames.rows() == solver.users(), "frames must be (k, 4)");
 }
 
 template <class Kind>
@@ -372,6 +383,112 @@ NB_MODULE(_core, m) {
           },
           "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "weight"_a, "rounds"_a);
 
+  nb::class_<RigidSolver>(m, "RigidSolver")
+      .def(
+          "__init__",
+          [](RigidSolver* self, const RigidSolver::Marks& active, int reference, const Numbers& first,
+             const Numbers& user_i, const Numbers& user_j, const Column& t, const Points& i, const Points& j,
+             const Column& measured, const Column& sigma, const Column& nlos_odds, const Column& height_sigma,
+             double place_sigma, double yaw_sigma, const NlosMixture& loss) {
+            const auto n = measured.size(), k = active.size(), pairs = user_i.size();
+            check_bounds(first, n);
+            require(t.size() == n && t.allFinite(), "t must be (n,) and finite");
+            if (n > 0) check_ranges(i, j, measured, sigma, nlos_odds);
+            require(0 <= reference && reference < k && active[reference], "the reference must be active");
+            require(first.size() == pairs + 1 && user_j.size() == pairs,
+                    "users must be (p,), first (p + 1,)");
+            for (Eigen::Index p = 0; p < pairs; ++p) {
+              require(0 <= user_i[p] && user_i[p] < k && 0 <= user_j[p] && user_j[p] < k &&
+                          active[user_i[p]] && active[user_j[p]] && user_i[p] != user_j[p],
+                      "a pair names a user that is not active");
+              require(std::is_sorted(t.begin() + first[p], t.begin() + first[p + 1]),
+                      "t must be sorted within a pair");
+            }
+            require(height_sigma.size() == k && (height_sigma.array() > 0.0).all() && place_sigma > 0.0 &&
+                        yaw_sigma > 0.0,
+                    "sigmas of priors must be positive");
+            new (self) RigidSolver({first, user_i, user_j, t, i, j, measured, sigma, nlos_odds}, active,
+                                   reference, {height_sigma, place_sigma, yaw_sigma}, loss);
+          },
+          "active"_a, "reference"_a, "first"_a, "user_i"_a, "user_j"_a, "t"_a, "i"_a, "j"_a, "measured"_a,
+          "sigma"_a, "nlos_odds"_a, "height_sigma"_a, "place_sigma"_a, "yaw_sigma"_a, "loss"_a)
+      .def(
+          "residuals",
+          [](const RigidSolver& self, const Frames& frames) {
+            check_frames(self, frames);
+            return self.residuals(frames);
+          },
+          "frames"_a)
+      .def(
+          "cost",
+          [](const RigidSolver& self, const Frames& frames, const Column& nlos_odds, double most) {
+            check_frames(self, frames);
+            check_nlos_odds(nlos_odds, self.size());
+            return self.cost(frames, nlos_odds, most);
+          },
+          "frames"_a, "nlos_odds"_a, "most"_a = std::numeric_limits<double>::infinity())
+      .def(
+          "e_step",
+          [](const RigidSolver& self, const Frames& frames, const Bursts& bursts) {
+            check_frames(self, frames);
+            return self.e_step(frames, bursts);
+          },
+          "frames"_a, "bursts"_a)
+      .def(
+          "optimize",
+          [](const RigidSolver& self, const Frames& frames, const Frames& about, const Column& nlos_odds,
+             double annealing, int steps, double gain, const std::vector<Frames>& known, double same) {
+            check_frames(self, frames);
+            check_frames(self, about);
+            for (const Frames& other : known) check_frames(self, other);
+            check_nlos_odds(nlos_odds, self.size());
+            require(annealing >= 1.0, "annealing must be at least 1");
+            return self.optimize(frames, about, nlos_odds, annealing, steps, gain, {known, same});
+          },
+          "frames"_a, "about"_a, "nlos_odds"_a, "annealing"_a, "steps"_a, "gain"_a,
+          "known"_a = std::vector<Frames>(), "same"_a = 0.0)
+      .def(
+          "run_em",
+          [](const RigidSolver& self, const Frames& frames, const Column& nlos_odds, const Bursts& bursts,
+             double annealing, int rounds, int steps, double gain, const std::vector<Frames>& known,
+             double same, double hopeless) {
+            check_frames(self, frames);
+            for (const Frames& other : known) check_frames(self, other);
+            check_nlos_odds(nlos_odds, self.size());
+            require(annealing >= 1.0, "annealing must be at least 1");
+            RigidOptimum found = self.run_em(frames, nlos_odds, bursts, annealing,
+                                             {rounds, steps, gain, {known, same}, hopeless});
+            return std::tuple(std::move(found.frames), std::move(found.nlos_odds), found.cost);
+          },
+          "frames"_a, "nlos_odds"_a, "bursts"_a, "annealing"_a, "rounds"_a, "steps"_a, "gain"_a, "known"_a,
+          "same"_a, "hopeless"_a)
+      .def(
+          "covariances",
+          [](const RigidSolver& self, const Frames& frames, const Column& nlos_odds) {
+            check_frames(self, frames);
+            check_nlos_odds(nlos_odds, self.size());
+            return self.covariances(frames, nlos_odds);
+          },
+          "frames"_a, "nlos_odds"_a);
+
+  m.def(
+      "residual_inflations",
+      [](const Numbers& first, const Numbers& user_i, const Numbers& user_j, const Column& t, const Points& i,
+         const Points& j, const Frames& frames, const Column& residual, const Column& weight, int pieces) {
+        const auto n = t.size(), pairs = user_i.size();
+        check_bounds(first, n);
+        require(i.rows() == n && j.rows() == n && residual.size() == n && weight.size() == n,
+                "all columns must have one row a range");
+        require(first.size() == pairs + 1 && user_j.size() == pairs, "users must be (p,), first (p + 1,)");
+        require(pairs == 0 || (user_i.minCoeff() >= 0 && user_j.minCoeff() >= 0 &&
+                               user_i.maxCoeff() < frames.rows() && user_j.maxCoeff() < frames.rows()),
+                "a pair names a user that is not there");
+        require(pieces > 0, "pieces must be positive");
+        return residual_inflations({first, user_i, user_j, t, i, j}, frames, residual, weight, pieces);
+      },
+      "first"_a, "user_i"_a, "user_j"_a, "t"_a, "i"_a, "j"_a, "frames"_a, "residual"_a, "weight"_a,
+      "pieces"_a);
+
   m.def("semidefinite_root", &semidefinite_root, "normal"_a);
 
   nb::class_<Adjustment>(m, "Adjustment")
@@ -432,19 +549,46 @@ NB_MODULE(_core, m) {
       "bounds"_a, "t"_a, "link"_a, "score"_a, "weight"_a, "gap"_a, "most"_a);
 
   m.def(
+      "followed_apart",
+      [](const FollowedRanges& ranges, const std::array<int, 6>& columns,
+         const Eigen::Ref<const FollowedStates>& states, int users, int first) {
+        const auto n = static_cast<int>(ranges.cols());
+        const FollowedColumns of{columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]};
+        for (size_t k = 0; k < 6; ++k) {
+          require(columns[k] >= 0 && columns[k] + (k < 4 ? 1 : 9) <= n, "the ranges have no such column");
+        }
+        require(users > 0 && states.rows() % users == 0, "states must be those of all users, slot by slot");
+        const double slots = static_cast<double>(states.rows() / users);
+        for (Eigen::Index k = 0; k < ranges.rows(); ++k) {
+          const double i = ranges(k, of.user_i), j = ranges(k, of.user_j), slot = ranges(k, of.slot) - first;
+          require(i >= 0.0 && i < users && j >= 0.0 && j < users, "a range names a user that is not there");
+          require(slot >= 0.0 && slot < slots, "a range is of a slot that is not there");
+        }
+        const FollowedApart found = followed_apart(ranges, of, states, users, first);
+        return std::tuple(found.away, found.bias, found.residual);
+      },
+      "ranges"_a, "columns"_a, "states"_a, "users"_a, "first"_a);
+
+  m.def(
+      "poses_at",
+      [](const PoseTable& table, const std::array<int, 3>& columns, const Column& t, double longest) {
+        require(table.rows() > 0, "at least one pose is needed");
+        for (size_t k = 0; k < 3; ++k) {
+          require(columns[k] >= 0 && columns[k] + (k == 0 ? 1 : k == 1 ? 3 : 4) <= table.cols(),
+                  "the poses have no such column");
+        }
+        const PosesAt found = poses_at(table, {columns[0], columns[1], columns[2]}, t, longest);
+        return std::tuple(found.position, found.attitude, found.valid);
+      },
+      "table"_a, "columns"_a, "t"_a, "longest"_a);
+
+  m.def(
       "mixture_terms",
       [](const Column& whitened, const Column& sigma, const Column& nlos_odds, const NlosMixture& loss) {
         const auto n = whitened.size();
         require(sigma.size() == n && nlos_odds.size() == n, "all columns must be (n,)");
-        Column rho(n), weight(n), inlier(n);
-        for (Eigen::Index k = 0; k < n; ++k) {
-          const RangeTraits range{sigma[k], nlos_odds[k]};
-          const LossValue value = loss(whitened[k], range);
-          rho[k] = value.rho;
-          weight[k] = value.weight;
-          inlier[k] = loss.inlier_probability(whitened[k], range);
-        }
-        return std::tuple(rho, weight, inlier);
+        MixtureTerms terms = mixture_terms(whitened, sigma, nlos_odds, loss);
+        return std::tuple(std::move(terms.rho), std::move(terms.weight), std::move(terms.inlier_probability));
       },
       "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a);
 
@@ -494,6 +638,34 @@ NB_MODULE(_core, m) {
         return std::pair(found.nlos_odds, found.cost);
       },
       "bounds"_a, "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
+
+  m.def(
+      "common_shift",
+      [](const Numbers& bounds, const Column& t, const Points& away, const Column& distance, const Column& sigma,
+         const Column& nlos_odds, const Column& share, const Column& weight, const Eigen::Vector3d& precision,
+         const Points& starts, const NlosMixture& loss, const Bursts& bursts) {
+        const auto n = t.size();
+        check_bounds(bounds, n);
+        require(away.rows() == n && distance.size() == n && sigma.size() == n && nlos_odds.size() == n &&
+                    share.size() == n,
+                "all columns must be (n,), away (n, 3)");
+        require(weight.size() + 1 == bounds.size(), "weight must be (p,)");
+        require(t.allFinite() && away.allFinite() && distance.allFinite() && share.allFinite() &&
+                    weight.allFinite() && starts.allFinite(),
+                "numbers must be finite");
+        require(sigma.allFinite() && (sigma.array() > 0.0).all() && (precision.array() > 0.0).all(),
+                "sigma and precision must be positive");
+        require(nlos_odds.allFinite() && (nlos_odds.array() >= 0.0).all(), "odds must not be negative");
+        for (Eigen::Index p = 0; p + 1 < bounds.size(); ++p) {
+          require(std::is_sorted(t.begin() + bounds[p], t.begin() + bounds[p + 1]),
+                  "t must be sorted within a pair");
+        }
+        const CommonShift found = common_shift({bounds, t, away, distance, sigma, nlos_odds, share, weight},
+                                               precision, starts, loss, bursts);
+        return std::pair(found.shift, found.gain);
+      },
+      "bounds"_a, "t"_a, "away"_a, "distance"_a, "sigma"_a, "nlos_odds"_a, "share"_a, "weight"_a, "precision"_a,
+      "starts"_a, "loss"_a, "bursts"_a);
 
   m.def(
       "search_heights",

@@ -7,6 +7,9 @@
 #include <cstdint>
 #include <random>
 
+#include "factors/pair_sums.h"
+#include "factors/vectorised.h"
+
 namespace synchronizar {
 namespace {
 
@@ -122,12 +125,6 @@ struct Coarse {
 
   void set_height(double z) { dz2 = (static_cast<float>(z) - mz).square(); }
 
-  // Geman-McClure with the given scale (m), summed.
-  float score(float x, float y, float scale) const {
-    const auto e2 = (((mx - x).square() + (my - y).square() + dz2).sqrt() - d).square();
-    return (e2 / (e2 + scale * scale)).sum();
-  }
-
   // The two intersections of the spheres of ranges a and b at the set yaw and height; where these do not
   // meet, the point on the line through their centres that is nearest to both.
   std::array<std::array<float, 2>, 2> meet(int a, int b, int turn) const {
@@ -149,6 +146,39 @@ struct Coarse {
              {mx[a] + on * ux + h * uy, my[a] + on * uy - h * ux}}};
   }
 };
+
+// The score of a place at the yaw and height that are set: Geman-McClure with the given scale (m), summed.
+struct Place {
+  float x, y, score;
+};
+
+SYNCHRONIZAR_INLINE void score_places(const Coarse& ranges, float scale, std::vector<Place>& places) {
+  constexpr Eigen::Index kLanes = 16;
+  const float *mx = ranges.mx.data(), *my = ranges.my.data(), *dz2 = ranges.dz2.data(), *d = ranges.d.data();
+  const Eigen::Index n = ranges.d.size(), whole = n / kLanes * kLanes;
+  const float scale2 = scale * scale;
+  const auto loss = [&](const Place& at, Eigen::Index k) {
+    const float dx = mx[k] - at.x, dy = my[k] - at.y, e = std::sqrt(dx * dx + dy * dy + dz2[k]) - d[k];
+    return e * e / (e * e + scale2);
+  };
+  for (Place& at : places) {
+    float lanes[kLanes] = {};
+    for (Eigen::Index k = 0; k < whole; k += kLanes) {
+      for (Eigen::Index l = 0; l < kLanes; ++l) lanes[l] += loss(at, k + l);
+    }
+    at.score = 0.0F;
+    for (const float of_lane : lanes) at.score += of_lane;
+    for (Eigen::Index k = whole; k < n; ++k) at.score += loss(at, k);
+  }
+}
+
+SYNCHRONIZAR_AVX2 void score_by_avx2(const Coarse& ranges, float scale, std::vector<Place>& places) {
+  score_places(ranges, scale, places);
+}
+
+void score(const Coarse& ranges, float scale, std::vector<Place>& places) {
+  has_avx2() ? score_by_avx2(ranges, scale, places) : score_places(ranges, scale, places);
+}
 
 // Heights within 2 sigma of the prior, the most likely first.
 std::vector<double> heights(double sigma, double longest_range) {
@@ -187,18 +217,20 @@ std::vector<Scored> search_grid(const Problem& p, const Points& extent) {
 
   const std::vector<double> open_heights = heights(p.options.height_sigma, p.measured.maxCoeff());
   std::vector<Scored> found, here;
+  std::vector<Place> places;
   for (int k = 0; k < yaws; ++k) {
     const double yaw = 2.0 * kPi * k / yaws - kPi * (p.options.has_yaw ? 1.0 : 0.0);
     ranges.set_yaw(yaw);
     for (const double z : open_heights) {
       ranges.set_height(z);
-      here.clear();
+      places.clear();
       for (int m = 0; m < kPairs; ++m) {
         const auto& pair = pairs[static_cast<size_t>(m)];
-        for (const auto& xy : ranges.meet(pair[0], pair[1], m)) {
-          here.push_back({xy[0], xy[1], z, yaw, ranges.score(xy[0], xy[1], scale)});
-        }
+        for (const auto& xy : ranges.meet(pair[0], pair[1], m)) places.push_back({xy[0], xy[1], 0.0F});
       }
+      score(ranges, scale, places);
+      here.clear();
+      for (const Place& at : places) here.push_back({at.x, at.y, z, yaw, at.score});
       keep_best_of_yaw(here, 2.0 * scale);
       found.insert(found.end(), here.begin(), here.end());
     }
@@ -212,44 +244,68 @@ std::vector<Scored> search_grid(const Problem& p, const Points& extent) {
 
 double height_cost(double z, double sigma) { return 0.5 * z * z / (sigma * sigma); }
 
-template <class Kind>
-double cost(const Problem& p, const Kind& loss, const Placement& at, const std::vector<int>& pick) {
-  const CommonFromLocal common_from_user({at.x, at.y, at.yaw, at.z});
-  double sum = height_cost(at.z, p.options.height_sigma);
-  for (const int n : pick) {
-    const Line line(p.known.row(n), common_from_user(p.own.row(n)));
-    sum += loss((line.distance - p.measured[n]) / p.sigma[n], {p.sigma[n], p.nlos_odds[n]}).rho;
+// Some ranges of the user, who is i; the known points are j.
+struct Ranges {
+  pair_sums::Columns columns;
+  Eigen::ArrayXd late;
+
+  Ranges(const Problem& p, const std::vector<int>& pick)
+      : columns({static_cast<Eigen::Index>(pick.size())}), late(Eigen::ArrayXd::Zero(columns.rows())) {
+    const auto all = Eigen::all;
+    const Column sigma = p.sigma(pick);
+    columns.fill(0, p.own(pick, all), p.known(pick, all), p.measured(pick), sigma);
+    columns.fill_late(0, sigma, p.nlos_odds(pick), p.options.loss, late);
   }
-  return sum;
-}
+
+  pair_sums::Sums sums(const pair_sums::Place& at, const NlosMixture& loss) const {
+    return pair_sums::reweighted(columns, 0, at, kOrigin, loss, late);
+  }
+  pair_sums::Sums sums(const pair_sums::Place& at, const GemanMcClure& loss) const {
+    return pair_sums::reweighted(columns, 0, at, kOrigin, loss);
+  }
+
+  double cost(const Placement& at, const SearchOptions& options) const {
+    return height_cost(at.z, options.height_sigma) +
+           pair_sums::nlos_mixture_cost(columns, 0, place_of(at), kOrigin, options.loss, 1.0, late);
+  }
+
+  static pair_sums::Place place_of(const Placement& at) {
+    return pair_sums::Place(UserPose{at.x, at.y, at.yaw, at.z});
+  }
+  static inline const pair_sums::Place kOrigin{UserPose{}};
+};
 
 // Levenberg-Marquardt on (x, y, z, yaw), with yaw about `centroid`, the mean of the extent points, where it
 // is least coupled with the position.
 template <class Kind>
-void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, const Vector3& centroid,
+void refine(const Ranges& ranges, const Kind& loss, const SearchOptions& options, const Vector3& centroid,
             int steps, Placement& at) {
   constexpr double kGain = 1e-3;  // of the cost: stops at a smaller gain
   double damping = 1e-3;
-  at.cost = cost(p, loss, at, pick);
+  const double height_weight = 1.0 / (options.height_sigma * options.height_sigma);
+  pair_sums::Sums here = ranges.sums(Ranges::place_of(at), loss);
+  at.cost = here.cost + height_cost(at.z, options.height_sigma);
   for (int step = 0; step < steps; ++step) {
     const CommonFromLocal common_from_user({at.x, at.y, at.yaw, at.z});
     const Vector3 pivot = common_from_user(centroid);
-    Eigen::Matrix4d H = Eigen::Matrix4d::Zero();
-    Eigen::Vector4d g = Eigen::Vector4d::Zero();
-    const double height_weight = 1.0 / (p.options.height_sigma * p.options.height_sigma);
-    H(2, 2) = height_weight;
-    g[2] = height_weight * at.z;
-    for (const int n : pick) {
-      const Line line(p.known.row(n), common_from_user(p.own.row(n)));
-      const double e = (line.distance - p.measured[n]) / p.sigma[n];
-      const double weight = loss(e, {p.sigma[n], p.nlos_odds[n]}).weight;
-      Eigen::Vector4d row = -line.coordinates() / p.sigma[n];
-      row[3] = p.options.has_yaw
-                   ? row[3] - (line.direction.x() * pivot.y() - line.direction.y() * pivot.x()) / p.sigma[n]
-                   : 0.0;
-      H.noalias() += weight * row * row.transpose();
-      g += weight * e * row;
+    const Vector3 arm = pivot - common_from_user.origin;
+    Eigen::Matrix4d about_origin, about_pivot = Eigen::Matrix4d::Identity();
+    Eigen::Vector4d gradient;
+    for (size_t a = 0; a < 4; ++a) {
+      const auto row = static_cast<Eigen::Index>(a);
+      gradient[row] = here.gradient[a];
+      for (size_t b = a; b < 4; ++b) {
+        const auto column = static_cast<Eigen::Index>(b);
+        about_origin(row, column) = about_origin(column, row) = here.squares[a][b];
+      }
     }
+    about_pivot(0, 3) = arm.y();
+    about_pivot(1, 3) = -arm.x();
+    if (!options.has_yaw) about_pivot.col(3).setZero();
+    Eigen::Matrix4d H = about_pivot.transpose() * about_origin * about_pivot;
+    Eigen::Vector4d g = about_pivot.transpose() * gradient;
+    H(2, 2) += height_weight;
+    g[2] += height_weight * at.z;
     bool moved = false;
     for (int attempt = 0; attempt < 4 && !moved; ++attempt) {
       Eigen::Matrix4d damped = H;
@@ -261,7 +317,8 @@ void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, co
       next.x = origin.x();
       next.y = origin.y();
       next.z = origin.z();
-      next.cost = cost(p, loss, next, pick);
+      const pair_sums::Sums there = ranges.sums(Ranges::place_of(next), loss);
+      next.cost = there.cost + height_cost(next.z, options.height_sigma);
       moved = next.cost < at.cost;
       if (!moved) {
         damping = std::max(damping * 10.0, 1e-3);
@@ -270,6 +327,7 @@ void refine(const Problem& p, const Kind& loss, const std::vector<int>& pick, co
       damping *= 0.1;
       const double gain = at.cost - next.cost;
       at = next;
+      here = there;
       if (gain < kGain) return;
     }
     if (!moved) return;
@@ -305,19 +363,18 @@ std::vector<Placement> search_placements(const Points& known, const Points& own,
 
   // First a few steps under a wide, cheap loss for all; then the given loss for those not excluded by their
   // cost.
-  const std::vector<int> few = even_selection(n, kCoarseRanges);
-  const std::vector<int> pick = even_selection(n, options.most_ranges);
+  const Ranges few(p, even_selection(n, kCoarseRanges)), pick(p, even_selection(n, options.most_ranges));
   for (Placement& at : found) {
-    refine(p, GemanMcClure{kWide}, few, centroid, kWideSteps, at);
-    at.cost = cost(p, options.loss, at, pick);
+    refine(few, GemanMcClure{kWide}, options, centroid, kWideSteps, at);
+    at.cost = pick.cost(at, options);
   }
   keep_good(kInQuestion * options.most_cost_above);
-  for (Placement& at : found) refine(p, options.loss, pick, centroid, kSteps, at);
+  for (Placement& at : found) refine(pick, options.loss, options, centroid, kSteps, at);
 
-  const std::vector<int> all = even_selection(n, n);
+  const Ranges all(p, even_selection(n, n));
   for (Placement& at : found) {
     at.yaw = std::remainder(at.yaw, 2.0 * kPi);
-    at.cost = cost(p, options.loss, at, all);
+    at.cost = all.cost(at, options);
   }
   keep_good(options.most_cost_above);
   return found;

@@ -1,8 +1,10 @@
 #include "factors/range_block.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
+#include "factors/branchless_loss.h"
 #include "factors/squeeze.h"
 
 namespace synchronizar {
@@ -47,6 +49,44 @@ double RangeBlock::cost(const UserPose& i, const UserPose& j, const Loss& loss) 
   return sum;
 }
 
+namespace {
+
+// One range's loss at each height difference from `first` (m) on in steps, added to `out` (n).
+struct Heights {
+  double level2, first, step, measured, per_sigma;
+  Eigen::Index count;
+};
+
+SYNCHRONIZAR_INLINE void add_profile(const Heights& at, const BranchlessMixture& loss, double late,
+                                     double* out) {
+  for (Eigen::Index s = 0; s < at.count; ++s) {
+    const double z = at.first + static_cast<double>(static_cast<int>(s)) * at.step;
+    const double e = (std::sqrt(at.level2 + z * z) - at.measured) * at.per_sigma;
+    out[s] += loss(e, at.per_sigma, late).rho;
+  }
+}
+
+SYNCHRONIZAR_AVX2 void add_profile_by_avx2(const Heights& at, const BranchlessMixture& loss, double late,
+                                           double* out) {
+  add_profile(at, loss, late, out);
+}
+
+void add_profile(const Heights& at, const NlosMixture& loss, const RangeTraits& traits, double* out) {
+  const double late = loss.background(-1.0, traits);
+  const BranchlessMixture branchless(loss);
+  has_avx2() ? add_profile_by_avx2(at, branchless, late, out) : add_profile(at, branchless, late, out);
+}
+
+template <class Kind>
+void add_profile(const Heights& at, const Kind& kind, const RangeTraits& traits, double* out) {
+  for (Eigen::Index s = 0; s < at.count; ++s) {
+    const double z = at.first + static_cast<double>(s) * at.step;
+    out[s] += kind((std::sqrt(at.level2 + z * z) - at.measured) * at.per_sigma, traits).rho;
+  }
+}
+
+}  // namespace
+
 Column RangeBlock::height_profile(const UserPose& i, const UserPose& j, const LossKind& loss, double step,
                                   int zero, int most_ranges) const {
   const CommonFromLocal common_from_i(i), common_from_j(j);
@@ -58,12 +98,13 @@ Column RangeBlock::height_profile(const UserPose& i, const UserPose& j, const Lo
         for (Eigen::Index k = 0; k < n; ++k) {
           const Eigen::Index row = (2 * k + 1) * size() / (2 * n);
           const Vector3 between = common_from_i(o_i_.row(row)) - common_from_j(o_j_.row(row));
-          const double level2 = between.head<2>().squaredNorm();
-          for (int s = -zero; s <= zero; ++s) {
-            const double z = between.z() - difference_now + s * step;
-            const double e = (std::sqrt(level2 + z * z) - measured_[row]) / sigma_[row];
-            out[s + zero] += kind(e, traits(row)).rho;
-          }
+          const Heights at{between.head<2>().squaredNorm(),
+                           between.z() - difference_now - zero * step,
+                           step,
+                           measured_[row],
+                           1.0 / sigma_[row],
+                           out.size()};
+          add_profile(at, kind, traits(row), out.data());
         }
       },
       loss);

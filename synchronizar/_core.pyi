@@ -3,6 +3,8 @@
 Bad arguments raise ValueError. Odds are P(NLOS) / P(not NLOS).
 """
 
+from collections.abc import Sequence
+
 from synchronizar.arrays import Array, Indices, Mask
 
 class UserPose:
@@ -252,6 +254,94 @@ class WalkSolver:
         Only the keyframes `kept` (m,), a run of each user, and the ranges between them are used.
         """
 
+class RigidSolver:
+    """The most likely frames of k users, n ranges between their rigid walks given (factors/rigid_solver.h)."""
+
+    def __init__(
+        self,
+        active: Mask,
+        reference: int,
+        first: Indices,
+        user_i: Indices,
+        user_j: Indices,
+        t: Array,
+        i: Array,
+        j: Array,
+        measured: Array,
+        sigma: Array,
+        nlos_odds: Array,
+        height_sigma: Array,
+        place_sigma: float,
+        yaw_sigma: float,
+        loss: NlosMixture,
+    ) -> None:
+        """`active` (k,) who has a frame; `first` (p + 1,) the first range of each pair of users, and the end.
+
+        `user_i`, `user_j` (p,); `t` (n,) s, sorted within a pair; `i`, `j` (n, 3) m antennas in their users' frames.
+        Sigmas of priors: heights' (k,) about their mean, of place and yaw about where an optimisation begins.
+        """
+
+    def residuals(self, frames: Array) -> Array:
+        """(n,) m, predicted minus measured; `frames` (k, 4) x, y, z, yaw."""
+
+    def cost(self, frames: Array, nlos_odds: Array, most: float = ...) -> float:
+        """The sum of the losses and the heights' prior; a part of it that is above `most` where it is."""
+
+    def e_step(self, frames: Array, bursts: Bursts) -> tuple[Array, float]:
+        """(n,) odds of each range given its neighbours in time, and the cost of the chains and the heights."""
+
+    def optimize(
+        self,
+        frames: Array,
+        about: Array,
+        nlos_odds: Array,
+        annealing: float,
+        steps: int,
+        gain: float,
+        known: Sequence[Array] = ...,
+        same: float = 0.0,
+    ) -> Array:
+        """Frames at a local optimum: at most `steps` Gauss-Newton steps that gain `gain` or more.
+
+        Ends on the way where frames are within `same` (m and rad) of `known` ones.
+        """
+
+    def run_em(
+        self,
+        frames: Array,
+        nlos_odds: Array,
+        bursts: Bursts,
+        annealing: float,
+        rounds: int,
+        steps: int,
+        gain: float,
+        known: Sequence[Array],
+        same: float,
+        hopeless: float,
+    ) -> tuple[Array, Array, float]:
+        """Frames, odds and cost after at most so many rounds of optimisation, odds estimated in between.
+
+        Ends where a round gains less than `gain`, where frames are within `same` (m and rad) of `known` ones, or where
+        they cost more than `hopeless` after a round.
+        """
+
+    def covariances(self, frames: Array, nlos_odds: Array) -> Array:
+        """(4 k, 4) of each user's x, y, z, yaw at a local optimum, 0 of what is fixed."""
+
+def residual_inflations(
+    first: Indices,
+    user_i: Indices,
+    user_j: Indices,
+    t: Array,
+    i: Array,
+    j: Array,
+    frames: Array,
+    residual: Array,
+    weight: Array,
+    pieces: int,
+) -> Array:
+    """(k,) factors of covariances by residuals that are no noise (factors/residual_statistics.h)."""
+
 def semidefinite_root(normal: Array) -> Array:
     """Rows R with R' R = `normal`, as many as its rank; `normal` is positive semidefinite but for rounding."""
 
@@ -304,6 +394,22 @@ def neighbour_sums(
     their score products are divided by their pair's own variance.
     """
 
+def followed_apart(
+    ranges: Array, columns: tuple[int, int, int, int, int, int], states: Array, users: int, first: int
+) -> tuple[Array, Array, Array]:
+    """Of ranges (n, c) of many slots: (n, 3) m from j's antenna to i's, (n,) m that radios add, (n,) m residuals.
+
+    `states` (slots * users, 7) are x, y, yaw, height, log scale, radio bias and clock offset, slot by slot, from slot
+    `first` on. `columns` are those of both users, of the slot, of the distance, and the first of nine of each end:
+    offset, lever and velocity (3,) each. Residuals are predicted minus measured.
+    """
+
+def poses_at(table: Array, columns: tuple[int, int, int], t: Array, longest: float) -> tuple[Array, Array, Mask]:
+    """(n, 3) positions, (n, 4) attitudes at times t (n,) and whether they are known, as `data.track.interpolated`.
+
+    `table` (m, c) has a pose a row; `columns` are those of stamps, and the first ones of positions and attitudes.
+    """
+
 def mixture_terms(whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture) -> tuple[Array, Array, Array]:
     """(n,) each: loss, weight and probability of line of sight of ranges with these whitened residuals."""
 
@@ -325,6 +431,28 @@ def burst_nlos_odds_of_pairs(
     bounds: Indices, t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, bursts: Bursts
 ) -> tuple[Array, Array]:
     """`burst_nlos_odds` of many pairs, each a chain of its own: odds (n,), and the chains' costs (p,)."""
+
+def common_shift(
+    bounds: Indices,
+    t: Array,
+    away: Array,
+    distance: Array,
+    sigma: Array,
+    nlos_odds: Array,
+    share: Array,
+    weight: Array,
+    precision: Array,
+    starts: Array,
+    loss: NlosMixture,
+    bursts: Bursts,
+) -> tuple[Array, float]:
+    """One shift (3,) m of some users' ends that explains their ranges best, and the log likelihood that it gains.
+
+    `bounds` (p + 1,) the first range of each pair and the end; of each range (n,): `t` s, sorted within a pair, `away`
+    (n, 3) m from the other end to that of these users, `distance` m as measured, `sigma` m, `nlos_odds`, and `share` of
+    the shift that is there at that time; `weight` (p,) of each pair's likelihood; `precision` (3,) 1/m^2 of the shift's
+    prior; `starts` (m, 3) m from where it is looked for.
+    """
 
 def search_heights(
     frames: Array,

@@ -149,6 +149,8 @@ class PriorParameters:
 
     height_sigma: float = 0.15
     """m, 1 sigma: how far a SLAM origin may lie above or below the others'. People start it in their hands."""
+    height_dof: float = 3.0
+    """Degrees of freedom of Student's t: most are where they say, a robot's or one on a stand is not."""
     static_height_sigma: float = 3.0
     """m: the same of a static radio, on the floor, on a shelf, under the roof."""
     place_sigma: float = 100.0
@@ -214,11 +216,16 @@ class IncrementalParameters:
     search_interval: float = 0.5
     """s between two searches for a user who has just come, ..."""
     search_growth: float = 0.05
-    """... and this share of the time for which it has been looked for, if that is more."""
+    """... and this share of the time for which it has been looked for, if that is more; ..."""
+    search_interval_near: float = 0.2
+    """... or so many, with the same growth, where the last one says that the next may find it registered."""
     check_interval: float = 30.0
     """s between two checks of known users for other optima and mirror images."""
     doubtful_interval: float = 2.0
-    """s between two, while more ranges are NLOS than `search.doubtful_share`: they judge which these are anew."""
+    """s between two, while more ranges are NLOS than `search.doubtful_share`: what a burst shows may be elsewhere."""
+    judged_walk: float = 3.0
+    """s: a user's place is judged where the last so many seconds of its walk would lie; what lies further back was told
+    by the frames of its own time."""
     recent: float = 10.0
     """s: what share of a user's ranges is NLOS, or rejected, is asked of the last so many seconds."""
 
@@ -268,6 +275,25 @@ class IntegrityParameters:
     """Sigmas: further off, a range of two users does not fit, once somebody is contradicted; ..."""
     innovation_pair_share: float = 0.25
     """... with a larger share of these, the two do not fit one another."""
+    shift_steady: float = 0.6
+    """s: over so long users are taken to be off by one shift that stays, ..."""
+    shift_growing: tuple[float, ...] = (2.0, 4.0)
+    """... and over so long by one that grows evenly, as while SLAM slides, or in a train or a lift."""
+    shift_sigma: float = 2.0
+    """m, 1 sigma of such a shift on each axis."""
+    shift_looked_at: float = 5.0
+    """Log likelihood by a linear score, which knows no NLOS, from which on the shift of a group is fitted."""
+    shift_least: float = 0.2
+    """m: a smaller shift is left to the follower."""
+    shift_cost: float = 3.0
+    """Log likelihood that each registered user costs that is taken to be somewhere else: few of them are."""
+    shift_gain: float = 13.0
+    """Log likelihood that a shift gains, beside all that bursts of NLOS explain and what it costs, from which on users
+    are there; ..."""
+    shift_gain_suspected: float = 6.0
+    """... and from which on they are not called registered until half of it is gone."""
+    shift_gain_apart: float = 3.0
+    """Shifts of others that gain less than this below the best may be the true ones too."""
     doubted_duration: float = 30.0
     """s after its ranges contradicted a user in which it is registered again only ..."""
     doubted_share: float = 0.25
@@ -524,6 +550,34 @@ class SleepParameters:
     """A module sleeps by itself after 10 s without an order."""
     sleep_every: float = 1.0
     """An order to sleep that was lost is given again."""
+
+
+@dataclass(frozen=True)
+class SmoothingParameters:
+    """How the frame that a page shows follows the one that is solved (`live.smoothing`)."""
+
+    dead_band: float = 0.01
+    """m: an error of the shown frame that nobody sees. It is left alone, as is one of less than 1 sigma, ..."""
+    arm: float = 3.0
+    """m: how far away things stand that a turn or a scale moves."""
+    settled: float = 0.5
+    """... but what is followed is followed down to this share of the dead band: seldom, and then all the way."""
+    least_speed: float = 0.02
+    """m/s at which things may always move, ..."""
+    rate: float = 0.2
+    """1/s: ... and this times their error besides."""
+    out_of_view: float = 10.0
+    """Times as fast where nothing that moves is on the screen."""
+    fade_beyond: float = 0.5
+    """m: from here on things fade out, and in again where they belong."""
+    fade_time: float = 0.3
+    """s that either takes."""
+    alarm_least: float = 0.1
+    """m: no correction below it is told to people."""
+    alarm_sigmas: float = 5.0
+    """A correction beyond this many sigmas, by what was told, is told."""
+    alarm_memory: float = 10.0
+    """s: what is held against a frame is what was told so long ago at most, so that creeping is noticed too."""
 
 
 @dataclass(frozen=True)

@@ -9,19 +9,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import LibController, ThreadpoolController
 
 
 @cache
-def _controller() -> ThreadpoolController:
-    """Of the libraries that are loaded; finding them takes a millisecond, numpy's is there before anybody asks."""
+def _libraries() -> list[LibController]:
+    """Those that are loaded; finding them takes a millisecond, numpy's is there before anybody asks."""
     import numpy as np  # noqa: F401 - the library is numpy's
 
-    return ThreadpoolController()
+    return list(ThreadpoolController().select(user_api="blas").lib_controllers)
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """BLAS has one thread within; as a decorator, during a call. Afterwards it has as many as before."""
-    with _controller().limit(limits=1, user_api="blas"):
+    before = [(library, threads) for library in _libraries() if (threads := library.get_num_threads()) != 1]
+    try:
+        for library, _ in before:
+            library.set_num_threads(1)
         yield
+    finally:
+        for library, threads in before:
+            library.set_num_threads(threads)

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# tools/have.sh NAME: true where a tool of the firmware's tests is there or apt can install it; otherwise says what is missing.
+# tools/have.sh NAME: true where a tool of the tests is there or apt can install it; otherwise says what is missing.
 set -euo pipefail
 
 probe_riscv() {
@@ -8,6 +8,8 @@ probe_riscv() {
 probe_fuzz() {
   echo 'int LLVMFuzzerTestOneInput(void) { return 0; }' | clang -fsanitize=fuzzer,address,undefined -x c - -o /dev/null
 }
+probe_chromium() { command -v chromium || command -v google-chrome; }
+probe_npm() { command -v npm && [ "$(node --version | cut -dv -f2 | cut -d. -f1)" -ge 20 ]; }
 probe_cppcheck() { command -v cppcheck; }
 probe_arm() { arm-none-eabi-gcc -include string.h -E -x c /dev/null; }
 probe_xtensa() { command -v xtensa-lx106-elf-gcc; }
@@ -17,6 +19,8 @@ case ${1:?} in
   riscv) packages="gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf $(
     apt-cache show qemu-system-riscv > /dev/null 2>&1 && echo qemu-system-riscv || echo qemu-system-misc)" ;;
   fuzz) packages="clang libclang-rt-dev" ;;
+  chromium) packages=chromium ;;
+  npm) packages="nodejs npm" ;;
   cppcheck) packages=cppcheck ;;
   arm) packages="gcc-arm-none-eabi libnewlib-arm-none-eabi" ;;
   xtensa) packages=gcc-xtensa-lx106 ;;

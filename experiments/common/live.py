@@ -101,8 +101,9 @@ def fed(
     """
     names = [user.name for user in recording.users]
     add, stamp = _events(recording, names, estimator, arrivals or {}, calls)
-    start = float(recording.ranges.t.min())
-    end = min(float(recording.ranges.t.max()), start + until)
+    came = come_of(recording.ranges.t)
+    start = float(came.min())
+    end = min(float(came.max()), start + until)
     began, n = time.perf_counter(), 0
     for k in range(1, int(np.ceil((end - start) * a_second)) + 1):
         t = start + k / a_second
@@ -127,7 +128,7 @@ def _events(
     """What adds the n-th of all that comes, and when each comes (s, range clock): at one time calls, poses, ranges."""
     r, moving = recording.ranges, [name for name in names if name in recording.tracks]
     came = [arrivals.get(name, arrival_of(recording.tracks[name])) for name in moving]
-    stamps = [np.array([t for t, _ in calls]), *came, r.t]
+    stamps = [np.array([t for t, _ in calls]), *came, come_of(r.t)]
     whose = np.repeat(np.arange(len(stamps)), [len(s) for s in stamps])
     which = np.concatenate([np.arange(len(s)) for s in stamps])
     stamp = np.concatenate(stamps)
@@ -162,11 +163,18 @@ def _events(
 
 
 def arrival_of(track: Track) -> Array:
-    """(n,) s: when its poses come: at their stamps, a first or last one far from the rest with its neighbour."""
-    out = track.t.copy()
+    """(n,) s: when its poses come."""
+    return come_of(track.t)
+
+
+def come_of(stamps: Array) -> Array:
+    """(n,) s: when what is stamped so comes: then; the earliest or latest that is far from the rest beside these."""
+    out = stamps.copy()
     if len(out) > 2:
-        out[0] = max(out[0], out[1] - 1.0)
-        out[-1] = min(out[-1], out[-2] + 1.0)
+        order = np.argsort(stamps)
+        first, second, last_but_one, last = order[[0, 1, -2, -1]]
+        out[first] = max(out[first], out[second] - 1.0)
+        out[last] = min(out[last], out[last_but_one] + 1.0)
     return out
 
 

@@ -13,7 +13,6 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.register import register
 from synchronizar.geometry import difference
-from synchronizar.graph.marginals import marginals
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
@@ -58,7 +57,7 @@ def oracle(simulation: Simulation, reference: str, model: Parameters) -> Oracle:
     found = rigid.optimised(start, truth, weights, annealing=1.0, iterations=200, gain=1e-9)
     # The information that the ranges have by themselves: that of ranges without noise, at the truth.
     ideal = graph_of(replace(samples, distance=samples.distance + rigid.residuals(start)))
-    variances = np.diagonal(marginals(ideal, start, weights).relative, axis1=1, axis2=2)
+    variances = np.diagonal(ideal.covariances(truth, samples.nlos_odds), axis1=1, axis2=2)
     return Oracle(difference(found.anchor_poses, truth), np.sqrt(variances))
 
 
@@ -87,7 +86,7 @@ def beside_oracle(simulation: Simulation) -> Beside:
     return Beside(difference(ours, truth[which]), best.error[which], best.bound[which], registered)
 
 
-def on_all_cores(work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-    """The results of independent tasks, in their order."""
+def on_all_cores(work: Callable[[Task], Result], tasks: Iterable[Task], at_once: int = 4) -> Iterator[Result]:
+    """The results of independent tasks, in their order; `at_once` are handed to a core together."""
     with Pool() as pool:
-        yield from pool.imap(work, tasks, chunksize=4)
+        yield from pool.imap(work, tasks, chunksize=at_once)

@@ -216,10 +216,13 @@ def main() -> None:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     folders = sorted(f.parent for f in options.cases.glob("*/truth")) if options.cases is not None else []
     groups: dict[str, list[Judged]] = {}
-    for judged in on_all_cores(one, [*((kind, seed) for kind in options.kinds for seed in seeds), *folders]):
+    tasks = [*((kind, seed) for kind in options.kinds for seed in seeds), *folders]
+    for task, judged in zip(tasks, on_all_cores(one, tasks, 1), strict=True):
         if judged is not None:
             groups.setdefault(judged.kind, []).append(judged)
             print(_line(judged), flush=True)
+            if isinstance(task, tuple) and task[1] == seeds[-1]:
+                print(markdown([row_of(judged.kind, groups[judged.kind])], digits=2), flush=True)
     rows = [row_of(kind, of) for kind, of in groups.items()]
     write_table("faults", rows, {**vars(options), "cases": str(options.cases)})
     print(markdown(rows, digits=2))

@@ -1,6 +1,7 @@
 """Time to registration and accuracy while people walk, of simulated walks and real recordings.
 
-`python -m experiments.live.replays [--walks 60] [--users 2 4] [--recordings ../shared/recordings] [--since 60]`.
+`python -m experiments.live.replays [--walks 60] [--users 2 4] [--recordings ../shared/recordings] [--since 60]
+[--real-time]`.
 
 Free walks of 20 s (sigma 0.1 m, every pair at 1000 / (80 + 21 (k - 1)) Hz, nothing wrong with anybody's device) are fed
 to an `Estimator`: when each user is first registered, and the error of its place (in the plane, against the truth,
@@ -8,7 +9,8 @@ beside the reference) whenever it is; and when 95 % of all placements are within
 beside when those of maximum likelihood are, which starts at the truth and trusts SLAM. Recordings: when users were
 registered; from `--since` seconds on, the error in the plane of poses and radios' places as they were told, beside the
 reference's, and the least share of that time for which one of those with truth was registered; and how far the place at
-the end is from that of `register`.
+the end is from that of `register`. `--real-time` feeds recordings by the wall clock, with the worker that there is by
+default: how long updates take for who watches, and how far the wall clock is ahead of the data at most.
 """
 
 from __future__ import annotations
@@ -117,12 +119,13 @@ def walks_row(users: int, walks: list[Walk]) -> dict[str, Any]:
     }
 
 
-def recording_row(folder: Path, since: float) -> dict[str, Any]:
+def recording_row(folder: Path, since: float, real_time: bool) -> dict[str, Any]:
     """A line of the table."""
     recording, truth = Recording.load(folder), read_tracks(folder / "truth")
     whole = register(recording)
-    estimator = estimator_of(recording, whole.reference)
-    of = told(recording, fed(recording, estimator), estimator)
+    estimator = estimator_of(recording, whole.reference, workers=None if real_time else 0)
+    of = told(recording, fed(recording, estimator, real_time=real_time), estimator)
+    estimator.close()
     others = [user.name for user in recording.users if user.name != whole.reference]
     first = [f for name in others if np.isfinite(f := first_registered(of, name))]
     away = [
@@ -139,6 +142,7 @@ def recording_row(folder: Path, since: float) -> dict[str, Any]:
         **causal(recording, truth, of, whole.reference, began + since),
         "largest distance of the end to batch": max((a for a in away if np.isfinite(a)), default=None),
         **_times(of.wall),
+        **({"s behind, longest": float(of.behind.max())} if real_time else {}),
     }
 
 
@@ -190,6 +194,7 @@ def main() -> None:
     parser.add_argument("--users", type=int, nargs="+", default=[2, 4])
     parser.add_argument("--recordings", type=Path)
     parser.add_argument("--since", type=float, default=MINUTE)
+    parser.add_argument("--real-time", action="store_true")
     options = parser.parse_args()
     settings = {**vars(options), "recordings": str(options.recordings)}
     if options.walks:
@@ -200,7 +205,8 @@ def main() -> None:
         print(write_table("replays_walks", rows, settings))
     if options.recordings is not None:
         folders = sorted(f.parent for f in options.recordings.glob("*/ranges.csv"))
-        print(write_table("replays_recordings", [recording_row(folder, options.since) for folder in folders], settings))
+        rows = [recording_row(folder, options.since, options.real_time) for folder in folders]
+        print(write_table("replays_real_time" if options.real_time else "replays_recordings", rows, settings))
 
 
 if __name__ == "__main__":

@@ -103,7 +103,7 @@ class Recording:
         who = self.users[user]
         if who.static:
             return np.zeros((len(t), 3)), np.ones(len(t), dtype=bool)
-        poses = self.tracks[who.name].at(t, max_gap)
         if not who.antennas:
-            return poses.position, poses.valid
+            return self.tracks[who.name].positions_at(t, max_gap)
+        poses = self.tracks[who.name].at(t, max_gap)
         return poses.position + rotate_by_quaternions(poses.quat_xyzw, who.levers[antenna]), poses.valid

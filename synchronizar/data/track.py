@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from synchronizar.arrays import Array, Mask, freeze_arrays
 
@@ -57,6 +58,11 @@ class Track:
         """
         return interpolated(self.t, self.position, self.quat_xyzw, t, max_gap)
 
+    def positions_at(self, t: Array, max_gap: float) -> tuple[Array, Mask]:
+        """(n, 3) the positions alone, and (n,) which are valid."""
+        between = _between(self.t, t, max_gap)
+        return between.mix(self.position), between.valid
+
     def extent(self) -> float:
         """m: diagonal of the positions' bounding box; the two furthest are apart by this over sqrt(3) at least."""
         return float(np.linalg.norm(np.ptp(self.position, axis=0)))
@@ -64,16 +70,34 @@ class Track:
 
 def interpolated(stamps: Array, positions: Array, quats_xyzw: Array, t: Array, max_gap: float) -> Poses:
     """The poses at times t (n,) s among some with rising stamps, as `Track.at` has them."""
+    between = _between(stamps, t, max_gap)
+    q0, q1 = quats_xyzw[between.before], quats_xyzw[between.after]
+    sign = np.where(np.sum(q0 * q1, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+    u = between.share[:, None]
+    chord = (1.0 - u) * q0 + u * sign * q1
+    return Poses(between.mix(positions), chord / np.linalg.norm(chord, axis=1, keepdims=True), between.valid)
+
+
+class _Between(NamedTuple):
+    """Where n times lie among some stamps."""
+
+    before: NDArray[np.intp]
+    after: NDArray[np.intp]
+    share: Array
+    """(n,) 0 to 1: how far from the one to the other."""
+    valid: Mask
+
+    def mix(self, values: Array) -> Array:
+        """(n, c): values (m, c) at the stamps, interpolated linearly."""
+        u = self.share[:, None]
+        return np.asarray((1.0 - u) * values[self.before] + u * values[self.after])
+
+
+def _between(stamps: Array, t: Array, max_gap: float) -> _Between:
     after = np.clip(np.searchsorted(stamps, t, side="left"), min(1, len(stamps) - 1), len(stamps) - 1)
     before = np.maximum(after - 1, 0)
-    gap = stamps[after] - stamps[before]
-    valid = (t >= stamps[0]) & (t <= stamps[-1])
-    at_a_stamp = (t == stamps[after]) | (t == stamps[before])
-    valid &= (gap <= max_gap) | at_a_stamp
-    u = np.divide(t - stamps[before], gap, out=np.zeros(len(t)), where=gap > 0.0)[:, None]
-    u = np.clip(u, 0.0, 1.0)
-    position = (1.0 - u) * positions[before] + u * positions[after]
-    q0, q1 = quats_xyzw[before], quats_xyzw[after]
-    sign = np.where(np.sum(q0 * q1, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
-    chord = (1.0 - u) * q0 + u * sign * q1
-    return Poses(position, chord / np.linalg.norm(chord, axis=1, keepdims=True), valid)
+    t0, t1 = stamps[before], stamps[after]
+    gap = t1 - t0
+    valid = (t >= stamps[0]) & (t <= stamps[-1]) & ((gap <= max_gap) | (t == t0) | (t == t1))
+    share = np.divide(t - t0, gap, out=np.zeros(len(t)), where=gap > 0.0)
+    return _Between(before, after, np.clip(share, 0.0, 1.0), valid)

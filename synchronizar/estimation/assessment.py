@@ -49,23 +49,26 @@ def assess(
     relative: Callable[[LocalOptimum], Array],
     systematic: Collection[int],
     registered: Collection[int] = (),
+    duration: float = np.inf,
 ) -> Assessment:
     """The assessment of optima, best first, of the same problem.
 
     `relative` gives an optimum's covariances (k, 4, 4) beside the reference. `systematic` are users whose residuals are
-    no noise. Users that are `registered` already stay so up to a higher probability of being wrong.
+    no noise. Users that are `registered` already stay so up to a higher probability of being wrong. Judged is where the
+    last `duration` s of each walk would lie.
     """
     best = optima[0]
     graph, states, parameters = best.graph, best.states, best.graph.parameters
     robust, inlier_probability = graph.inlier_probability(states, best.em_weights)
-    extent = _extent_about_last(graph, states)
+    extent = _extent_about_last(graph, states, duration)
     found = hypotheses(optima, relative, extent, parameters)
     rejected = np.array([_rejected(graph.measurements, inlier_probability, u) for u in range(len(graph.users))])
     progress = np.full(len(graph.users), np.nan)
     for u in graph.free:
         progress[u] = min(1.0, nearness(found[0], u, graph.users[u].static, extent[u], parameters))
-    if len(found) > 1:  # as far as the next best hypothesis is excluded
-        progress *= min(1.0, max(found[1].cost - found[0].cost, 0.0) / parameters.integrity.cost_excluded_nlos)
+    if len(found) > 1 and found[0].agreed is not None:  # as far as the next best hypothesis is excluded
+        excluded = min(1.0, max(found[1].cost - found[0].cost, 0.0) / parameters.integrity.cost_excluded_nlos)
+        progress[~found[0].agreed] *= excluded
     progress[graph.reference] = 1.0
     covariances = np.zeros((len(graph.users), 6, 6))
     covariances[:, :4, :4] = found[0].covariances
@@ -83,8 +86,10 @@ def assess(
     )
 
 
-def assess_calibrated(optima: list[LocalOptimum], registered: Collection[int] = ()) -> Assessment:
-    """The assessment under the full model."""
+def assess_calibrated(
+    optima: list[LocalOptimum], registered: Collection[int] = (), duration: float = np.inf
+) -> Assessment:
+    """The assessment under the full model; see `assess`."""
     best = optima[0]
     graph, parameters = best.graph, best.graph.parameters
     own = marginals(graph, best.states, best.em_weights)
@@ -92,7 +97,7 @@ def assess_calibrated(optima: list[LocalOptimum], registered: Collection[int] = 
     def relative(s: LocalOptimum) -> Array:
         return (own if s is best else marginals(s.graph, s.states, s.em_weights)).relative
 
-    assessed = assess(optima, relative, (), registered)
+    assessed = assess(optima, relative, (), registered, duration)
     static = np.array([user.static for user in graph.users])
     variances = np.where(static[:, None] & (np.arange(3) != BIAS), np.nan, own.calibrations)
     heights = best.states.anchor_poses[:, 2] - best.states.anchor_poses[graph.reference, 2]
@@ -112,11 +117,11 @@ def assess_calibrated(optima: list[LocalOptimum], registered: Collection[int] = 
     )
 
 
-def _extent_about_last(graph: PoseGraph, states: States) -> Array:
-    """(k, c, 3) m: extent points of each track about its last keyframe."""
+def _extent_about_last(graph: PoseGraph, states: States, duration: float) -> Array:
+    """(k, c, 3) m: extent points of the last `duration` s of each track about its last keyframe."""
     last = np.array([of_user.place[-1] for of_user in graph.keyframes])
     scale = np.exp(states.calibration[:, SCALE])[:, None, None]
-    return np.asarray(scale * (extent_points(graph.problem.recording) - last[:, None]))
+    return np.asarray(scale * (extent_points(graph.problem.recording, duration) - last[:, None]))
 
 
 def _rejected(measurements: RangeMeasurements, inlier_probability: Array, user: int) -> float:

@@ -15,7 +15,7 @@ from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
-from synchronizar.estimation.local_optima import BETTER, compare, refine, with_measured_weights
+from synchronizar.estimation.local_optima import BETTER, by_cost, compare, other_heights, refine, with_measured_weights
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import slips
 from synchronizar.geometry import apply_frames, wrap_angle
@@ -119,19 +119,20 @@ def solve(
     coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem))
     found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.7), begun)
     searched = perf_counter()
-    minima, noise = _refined(problem, repaired_tracks, found)
+    heights = [frames[:, 2] for frames, _ in begun]
+    minima, noise = _refined(problem, repaired_tracks, found, heights)
     progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
-        minima, noise = _refined(problem, repaired_tracks, [minima[1], *found])
+        minima, noise = _refined(problem, repaired_tracks, [minima[1], *found], heights)
     return Solved(minima, noise, searched)
 
 
 def _refined(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], found: list[LocalOptimum]
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], found: list[LocalOptimum], heights: Sequence[Array]
 ) -> tuple[list[LocalOptimum], Array]:
     """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
-    All of them with the step noise estimated for each device (`step_noise`).
+    All of them with the step noise estimated for each device (`step_noise`). `heights` (k,) m were found before.
     """
     best = with_measured_weights(found[0])
     noise = step_noise(best.graph, best.states, best.em_weights)
@@ -139,7 +140,12 @@ def _refined(
     fine = keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, noise)
     found = [s._replace(graph=s.graph.with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
-    return compare(found, refine(best, PoseGraph(problem, fine))), noise
+    others = other_heights(best, heights)
+    better = min(others, key=by_cost, default=best)
+    if better.cost < best.cost - BETTER:
+        found, others = [better, *found[1:]], [s for s in (best, *others) if s is not better]
+        best = better
+    return compare(found, refine(best, PoseGraph(problem, fine)), others), noise
 
 
 def keyframes_of_all(

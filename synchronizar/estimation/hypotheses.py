@@ -9,9 +9,8 @@ import numpy as np
 
 from synchronizar.arrays import Array, Mask
 from synchronizar.geometry import apply_frames, difference, wrap_angle
+from synchronizar.graph.pose_graph import SAME
 from synchronizar.parameters import Parameters
-
-SAME = 0.01  # m and rad: optima that are closer are one
 
 
 class GaussianComponent(NamedTuple):

@@ -17,7 +17,7 @@ from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.geometry import apply_frames, relative_to
 from synchronizar.graph.priors import height_sigma_of, nlos_mixture
 from synchronizar.graph.problem import Problem
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds
 
 
 class Candidate(NamedTuple):
@@ -69,8 +69,8 @@ def _observability(measurements: RangeMeasurements, users: int) -> tuple[Array, 
     (spread of i + spread of j) / mean distance * sqrt(number of ranges); -1 without ranges. And the spread (k,) m of
     each user: the smaller principal 1 sigma of its antenna positions in the plane plus a tenth of the larger.
     """
-    begin = np.array([pair.measurements.start for pair in pairs(measurements)])
-    count = np.diff([*begin, len(measurements)])
+    bounds = pair_bounds(measurements)
+    begin, count = bounds[:-1], np.diff(bounds)
     i, j = measurements.i[begin], measurements.j[begin]
 
     def mean(column: Array) -> Array:
@@ -110,32 +110,27 @@ def _order(observability: Array, spread: Array, static: Mask, active_users: list
     return order
 
 
-def _links(measurements: RangeMeasurements, user: int, active_users: Mask) -> tuple[Indices, Indices]:
-    """Rows of the ranges between a user and `active_users`, and which end (0 for i, 1 for j) the user is."""
-    mine = ((measurements.i == user) & active_users[measurements.j]) | (
-        (measurements.j == user) & active_users[measurements.i]
-    )
-    rows = np.flatnonzero(mine).astype(np.int32)
-    return rows, (measurements.j[rows] == user).astype(np.int32)
-
-
-def _known_positions(measurements: RangeMeasurements, frames: Array, rows: Indices, end: Indices, own: Array) -> Array:
-    """(n, 3) m, the other ends' antennas in the common frame."""
-    other = np.where(end == 0, measurements.j[rows], measurements.i[rows])
-    return apply_frames(frames[other], own[1 - end, rows])
+def _links(measurements: RangeMeasurements, user: int, active_users: Mask) -> tuple[Indices, Mask]:
+    """Rows of the ranges between a user and `active_users`, and whether the user is j."""
+    bounds = pair_bounds(measurements)
+    i, j = measurements.i[bounds[:-1]], measurements.j[bounds[:-1]]
+    mine = ((i == user) & active_users[j]) | ((j == user) & active_users[i])
+    count = np.diff(bounds)
+    return np.flatnonzero(np.repeat(mine, count)).astype(np.int32), np.repeat((j == user)[mine], count[mine])
 
 
 def extend(problem: Problem, candidates: list[Candidate], user: int) -> list[Candidate]:
     """Each candidate with one more user, at every frame that its ranges to the users in it allow; best first."""
     measurements, parameters, known = problem.measurements, problem.parameters, problem.users[user]
-    own = np.stack([measurements.p_i, measurements.p_j])
     grown = []
     for candidate in candidates:
         active_users = ~np.isnan(candidate.frames[:, 0])
-        rows, end = _links(measurements, user, active_users)
+        rows, is_j = _links(measurements, user, active_users)
+        p_i, p_j = measurements.p_i[rows], measurements.p_j[rows]
+        other = np.where(is_j, measurements.i[rows], measurements.j[rows])
         found = search_placements(
-            _known_positions(measurements, candidate.frames, rows, end, own),
-            own[end, rows],
+            apply_frames(candidate.frames[other], np.where(is_j[:, None], p_i, p_j)),
+            np.where(is_j[:, None], p_j, p_i),
             measurements.distance[rows],
             measurements.sigma[rows],
             measurements.nlos_odds[rows],

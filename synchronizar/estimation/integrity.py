@@ -7,15 +7,17 @@ from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
-from synchronizar.estimation.hypotheses import Hypothesis, moved, places
-from synchronizar.geometry import wrap_angle
+from synchronizar.estimation.hypotheses import Hypothesis, moved
+from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.parameters import Parameters
 
 _NAMES = ("x", "y", "z", "yaw")
+_Z = 2
 _LEAST = 1e-9  # m and rad: lower bound of a sigma that is divided by
 _DIRECTIONS = 32  # in a quarter turn
 
@@ -66,9 +68,11 @@ def verdicts(
     own frame. Users that are `registered` already stay so up to a higher probability of being wrong.
     """
     best = found[0]
-    apart = np.zeros(len(graph.users))
+    apart, in_plane = np.zeros(len(graph.users)), np.zeros(len(graph.users))
     for other in found[1:]:
         apart = np.fmax(apart, moved(best.frames, other.frames, extent))
+        level = np.where(np.arange(4) == _Z, best.frames, other.frames)
+        in_plane = np.fmax(in_plane, moved(best.frames, level, extent))
     out: list[Verdict | None] = [None] * len(graph.users)
     out[graph.reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
     for u in graph.free:
@@ -85,6 +89,8 @@ def verdicts(
             state = State.UNOBSERVABLE
         if apart[u] > parameters.integrity.largest_error and state is State.REGISTERED:
             state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
+            if in_plane[u] <= parameters.integrity.largest_error:
+                reason += ", apart in height: set height_sigma, if its height is known better"
         out[u] = Verdict(state, reason, direction, dominated)
     return out
 
@@ -137,20 +143,21 @@ def _wrong_probabilities(
     that of an error beyond limit - d about the component.
     """
     limit = parameters.integrity.largest_error
-    own = extent[None]
-    mean_points = places(best.frames[[user]], own)
-    plane = height = heading = 0.0
-    for component in best.components_of(user):
-        frames, covariance = component.frames[[user]], component.covariances[user]
-        off = (places(frames, own) - mean_points)[0]
-        margin = max(limit - float(np.hypot(off[:, 0], off[:, 1]).max()), 0.0)
-        plane += component.weight * _beyond_in_plane(margin, *_axes(covariance, frames[0, 3], extent))
-        sigma = float(np.sqrt(max(covariance[2, 2], 0.0)))
-        height += component.weight * _beyond(limit, off[0, 2], sigma)
-        yaw_error = wrap_angle(float(frames[0, 3] - best.frames[user, 3]))
-        heading += component.weight * _beyond(
-            parameters.integrity.largest_yaw_error, yaw_error, float(np.sqrt(covariance[3, 3]))
-        )
+    components = best.components_of(user)
+    weight = np.array([component.weight for component in components])
+    frames = np.array([component.frames[user] for component in components])
+    covariances = np.array([component.covariances[user] for component in components])
+    off = apply_frames(frames[:, None], extent) - apply_frames(best.frames[user], extent)
+    margins = np.maximum(limit - np.hypot(off[..., 0], off[..., 1]).max(axis=1), 0.0)
+    plane = float(weight @ _beyond_in_plane(margins, *_axes(covariances, frames[:, 3], extent)))
+    height = heading = 0.0
+    yaw_errors = wrap_angle(frames[:, 3] - best.frames[user, 3])
+    sigmas = np.sqrt(np.maximum(covariances[:, [2, 3], [2, 3]], 0.0)).tolist()
+    for share, z, yaw, (z_sigma, yaw_sigma) in zip(
+        weight.tolist(), off[:, 0, 2].tolist(), yaw_errors.tolist(), sigmas, strict=True
+    ):
+        height += share * _beyond(limit, z, z_sigma)
+        heading += share * _beyond(parameters.integrity.largest_yaw_error, yaw, yaw_sigma)
     return plane, height, heading
 
 
@@ -160,32 +167,40 @@ def _beyond(limit: float, mean: float, sigma: float) -> float:
     return 1.0 - normal.cdf(limit) + normal.cdf(-limit)
 
 
-def _beyond_in_plane(limit: float, long: float, short: float) -> float:
-    """P(|e| > limit) of a zero-mean normal e in the plane with 1 sigma `long` and `short` along its axes.
+def _beyond_in_plane(limit: ArrayLike, long: ArrayLike, short: ArrayLike) -> Array:
+    """(...) P(|e| > limit) of zero-mean normals e in the plane with 1 sigma `long` and `short` along their axes.
 
     In polar coordinates of the whitened plane it is the mean over the angle of
     exp(-limit^2 / (2 (long^2 cos^2 + short^2 sin^2))).
     """
     phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
-    variance = (long * np.cos(phi)) ** 2 + (short * np.sin(phi)) ** 2
-    return float(np.exp(-0.5 * limit**2 / np.maximum(variance, _LEAST**2)).mean())
+    variance = np.multiply.outer(np.square(long), np.cos(phi) ** 2)
+    variance += np.multiply.outer(np.square(short), np.sin(phi) ** 2)
+    squares = np.square(limit)[..., None]
+    return np.asarray(np.exp(-0.5 * squares / np.maximum(variance, _LEAST**2)).mean(axis=-1))
 
 
-def _axes(covariance: Array, yaw: float, extent: Array) -> tuple[float, float]:
-    """1 sigma (m), long and short axis, of the horizontal error ellipse of the extent point with the longest axis."""
+def _axes(covariances: Array, yaw: Array, extent: Array) -> tuple[Array, Array]:
+    """(m,) 1 sigma (m), long and short axis, of the horizontal error ellipse of the extent point with the longest axis.
+
+    `covariances` (m, 4, 4) and `yaw` (m,) of the user's frame.
+    """
     jacobians = _extent_jacobians(yaw, extent)
-    variances = np.linalg.eigvalsh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
-    short, long = np.sqrt(np.maximum(variances[np.argmax(variances[:, 1])], 0.0)).tolist()
-    return long, short
+    variances = jacobians @ covariances[:, None] @ jacobians.swapaxes(-1, -2)
+    xx, xy, yy = variances[..., 0, 0], variances[..., 0, 1], variances[..., 1, 1]
+    middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    each = np.arange(len(yaw)), np.argmax(middle + radius, axis=1)
+    long, short = middle[each] + radius[each], middle[each] - radius[each]
+    return np.sqrt(np.maximum(long, 0.0)), np.sqrt(np.maximum(short, 0.0))
 
 
-def _extent_jacobians(yaw: float, extent: Array) -> Array:
-    """(c, 2, 4) derivatives of the extent points' x and y in the common frame by x, y, z, yaw of the user's frame."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    jacobians = np.zeros((len(extent), 2, 4))
-    jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
-    jacobians[:, 0, 3] = -s * extent[:, 0] - c * extent[:, 1]
-    jacobians[:, 1, 3] = c * extent[:, 0] - s * extent[:, 1]
+def _extent_jacobians(yaw: Array, extent: Array) -> Array:
+    """(m, c, 2, 4) derivatives of the extent points' x and y in the common frame by x, y, z, yaw of frames at `yaw`."""
+    c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    jacobians = np.zeros((len(yaw), len(extent), 2, 4))
+    jacobians[..., 0, 0] = jacobians[..., 1, 1] = 1.0
+    jacobians[..., 0, 3] = -s * extent[:, 0] - c * extent[:, 1]
+    jacobians[..., 1, 3] = c * extent[:, 0] - s * extent[:, 1]
     return jacobians
 
 
@@ -194,7 +209,7 @@ def _spread_in_plane(covariance: Array, yaw: float, extent: Array) -> tuple[floa
 
     And the unit vector (4,) of errors in x, y, z, yaw that go with it.
     """
-    jacobians = _extent_jacobians(yaw, extent)
+    jacobians = _extent_jacobians(np.array([yaw]), extent)[0]
     variances, directions = np.linalg.eigh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     worst = int(np.argmax(variances[:, -1]))
     error = covariance @ jacobians[worst].T @ directions[worst, :, -1]

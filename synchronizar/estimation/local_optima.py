@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.hypotheses import SAME
 from synchronizar.estimation.initialisation import placements_in_parts
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
-from synchronizar.geometry import difference
-from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States, interpolated
@@ -27,6 +24,10 @@ _MEASURING_ROUNDS = (4, 2)
 _REFINING_ROUNDS = 4
 _MOST_IMAGES = 6  # mirror images of one optimum that are optimised
 _MOST_COMPARED = 6
+_DRAWN_SIGMAS = (2.0, 4.0)  # of heights: from priors so many times as wide
+_DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
+_SAME_HEIGHT = 0.1  # m
+_SEED = 20  # a fixed draw: the same ranges give the same answer
 BETTER = 1.0  # log likelihood: a smaller difference does not rank two optima
 
 
@@ -53,6 +54,11 @@ def find_optima(graph: PoseGraph, starts: list[States], progress: Progress = unh
     best = min(found, key=by_cost)
     while graph.free:
         for states in chain(relaid(best.graph, best.states), _mirror_images(best, found)):
+            if isinstance(best.graph, RigidGraph):  # most lead to an optimum that is known
+                image = best.graph.image(states, best.em_weights, [optimum.frames for optimum in found])
+                if image is None:
+                    continue
+                states = image
             _add_optimum(best.graph, states, found, ())
         better = min(found, key=by_cost)
         progress(0.8)
@@ -71,13 +77,8 @@ def approach(graph: PoseGraph, states: States, annealing: float) -> LocalOptimum
 
 def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], annealing: tuple[float, ...]) -> None:
     """Optimise from `states` and add the optimum to `found`, unless it is hopeless or within `SAME` of a known one."""
-    poses = [optimum.frames for optimum in found]
+    known = [optimum.frames for optimum in found]
     hopeless = min(found, key=by_cost).cost + graph.parameters.search.hopeless_cost if found else np.inf
-
-    def known(states: States) -> bool:
-        here = graph.last_poses(states)
-        return any(np.nanmax(np.abs(difference(here, there))) < SAME for there in poses)
-
     em_weights = _with_search_weights(graph.initial_em_weights())
     for factor in annealing:
         graph, states, em_weights, _ = graph.run_em(states, em_weights, 3, factor)
@@ -86,10 +87,10 @@ def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], an
         optimum = graph.run_em(states, em_weights, rounds, known=known, hopeless=hopeless)
     else:
         optimum = graph.run_em(states, em_weights, _FIRST_ROUNDS)
-        if optimum.cost > hopeless or known(optimum.states):
+        if optimum.cost > hopeless or graph.is_known(optimum.states, known):
             return
         optimum = optimum.graph.run_em(optimum.states, optimum.em_weights, _ROUNDS, known=known)
-    if not known(optimum.states):
+    if not graph.is_known(optimum.states, known):
         found.append(optimum)
 
 
@@ -114,28 +115,31 @@ def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator
     Users on one level leave the signs of heights open, users on a line the side of it. Heights that one of the optima
     `found` has are not tried again.
     """
-    graph, states, rigid = optimum.graph, optimum.states, _rigid(optimum)
+    graph, states = optimum.graph, optimum.states
+    rigid, nlos_odds = _rigid(optimum)
     parameters = graph.parameters
     flat = graph.to_rigid_ranges(states)
     range_weight = float(optimum.em_weights.range_weight.mean())
-    here = rigid.cost(states.anchor_poses)
-    sure = marginals(rigid, rigid.initial_states(states.anchor_poses), rigid.initial_em_weights())
-    sigma = np.sqrt(sure.relative[:, 2, 2] / range_weight)
+    here = rigid.cost(states.anchor_poses, nlos_odds)
+    sigma = np.sqrt(rigid.covariances(states.anchor_poses, nlos_odds)[:, 2, 2] / range_weight)
 
-    def above(frames: Array) -> float:
-        return range_weight * (rigid.cost(frames) - here)
+    def above(frames: Array, most: float) -> float:
+        return range_weight * (rigid.cost(frames, nlos_odds, here + most / range_weight) - here)
 
-    heights = rigid.other_heights(states.anchor_poses, parameters.integrity.cost_excluded_nlos / range_weight)
+    heights = rigid.other_heights(
+        states.anchor_poses, nlos_odds, parameters.integrity.cost_excluded_nlos / range_weight
+    )
     heights += height_mirrors(flat, states.anchor_poses, graph.reference)
     near, free = parameters.search.mirror_sigmas * sigma[graph.free], graph.free
     known = np.array([s.states.anchor_poses[free, 2] for s in (optimum, *found)])
     apart = [f for f in heights if (np.abs(f[free, 2] - known) > near).any(axis=1).all()]
-    images = [(cost, frames) for frames in apart if (cost := above(frames)) < parameters.search.hopeless_cost]
-    most = parameters.search.hopeless_cost + parameters.search.mirror_cost_per_range * range_weight * len(flat)
+    most = parameters.search.hopeless_cost
+    images = [(cost, frames) for frames in apart if (cost := above(frames, most)) < most]
+    most += parameters.search.mirror_cost_per_range * range_weight * len(flat)
     images += [
         (cost, frames)
         for frames in reflections(flat, states.anchor_poses, graph.reference)
-        if (cost := above(frames)) < most
+        if (cost := above(frames, most)) < most
     ]
     likely = [frames for _, frames in sorted(images, key=lambda image: image[0])[:_MOST_IMAGES]]
     for n, frames in enumerate(likely):
@@ -143,12 +147,13 @@ def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator
             yield states._replace(anchor_poses=frames)
 
 
-def _rigid(optimum: LocalOptimum) -> RigidGraph:
-    """The graph in which the frames alone are free at these walks."""
+def _rigid(optimum: LocalOptimum) -> tuple[RigidGraph, Array]:
+    """The graph in which the frames alone are free at these walks, and the NLOS odds (n,) of its ranges."""
     graph = optimum.graph
     if isinstance(graph, RigidGraph):
-        return graph.with_nlos_odds(optimum.em_weights.nlos_odds)
-    return RigidGraph(graph.rigid_problem(optimum.states), np.zeros((len(graph.users), 3)))
+        return graph, optimum.em_weights.nlos_odds
+    rigid = RigidGraph(graph.rigid_problem(optimum.states), np.zeros((len(graph.users), 3)))
+    return rigid, rigid.measurements.nlos_odds
 
 
 def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
@@ -172,16 +177,71 @@ def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
     return graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
 
 
-def compare(found: list[LocalOptimum], best: LocalOptimum) -> list[LocalOptimum]:
-    """The optima that explain the ranges: the refined `best`, then those of `found[1:]` not excluded by their cost.
+def other_heights(optimum: LocalOptimum, begun: Sequence[Array] = ()) -> list[LocalOptimum]:
+    """Optima beside one with measured weights that differ from it in heights; `begun` (k,) m are some found before.
 
-    Costs are compared at the keyframes of `found`, with the range weights measured at the best one.
+    At given walks, scales and biases an optimum's own heights are often the only ones: these have taken up what other
+    heights would explain. So SLAM's own heights begin anew, and a few steps are made with all that is free.
     """
-    if len(found) == 1:
+    graph, states, em_weights = optimum.graph, optimum.states, optimum.em_weights
+    flat = [
+        np.column_stack([at[:, :2], of_user.place[:, 2], at[:, 3]])
+        for at, of_user in zip(states.keyframe_poses, graph.keyframes, strict=True)
+    ]
+    found: list[LocalOptimum] = []
+    known = [states.anchor_poses[graph.free, 2]]
+    for frames in _begun_heights(optimum, begun):
+        begin = states._replace(anchor_poses=frames, keyframe_poses=flat)
+        # A height far from the others' is one that the prior holds but loosely.
+        height_weight, _ = graph.height_weights(frames)
+        loose = replace(em_weights, height_weight=height_weight)
+        near = graph.optimised(begin, states.anchor_poses, loose, 1.0, _DRAWN_STEPS, _DRAWN_GAIN)
+        heights = near.anchor_poses[graph.free, 2]
+        if any(np.abs(heights - others).max() < _SAME_HEIGHT for others in known):
+            continue
+        known.append(heights)
+        other = graph.run_em(near, loose, _FIRST_ROUNDS)
+        if other.cost < optimum.cost + graph.parameters.integrity.cost_excluded_nlos:
+            found.append(other)
+    return found
+
+
+def _begun_heights(optimum: LocalOptimum, begun: Sequence[Array]) -> Iterator[Array]:
+    """Frames (k, 4) with other heights: those `begun`, static radios mirrored one by one, and draws, each both ways."""
+    graph, frames = optimum.graph, optimum.states.anchor_poses
+    for heights in begun:
+        relative = heights - heights[graph.reference]
+        if np.abs(relative - frames[:, 2])[graph.free].max() > _SAME_HEIGHT:
+            yield np.column_stack([frames[:, :2], relative, frames[:, 3]])
+    static = np.array([user.static for user in graph.users])
+    mirrored = height_mirrors(graph.to_rigid_ranges(optimum.states), frames, graph.reference)
+    for u in graph.free:
+        if static[u]:
+            yield mirrored[graph.active_users.index(u)]
+    if static[graph.free].all():
+        return
+    random = np.random.default_rng(_SEED)
+    for sigmas in _DRAWN_SIGMAS:
+        drawn = sigmas * graph.height_sigma * random.standard_normal(len(static))
+        for heights in (drawn, -drawn):
+            out = frames.copy()
+            out[:, 2] = np.where(static, frames[:, 2], heights) - heights[graph.reference]
+            yield out
+
+
+def compare(
+    found: list[LocalOptimum], best: LocalOptimum, others_in_height: Sequence[LocalOptimum] = ()
+) -> list[LocalOptimum]:
+    """The optima that explain the ranges: the refined `best`, then those of the others not excluded by their cost.
+
+    `best` is `found[0]` refined. Costs are compared at the keyframes of `found`, with the range weights measured at the
+    best one.
+    """
+    if len(found) == 1 and not others_in_height:
         return [best]
     likely = [s for s in found if s.cost < found[0].cost + best.graph.parameters.search.hopeless_cost][:_MOST_COMPARED]
     compared = []
-    for s in likely:
+    for s in (*likely, *others_in_height):
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
         compared.append(s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS))
     first, *others = compared

@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.geometry import apply_frames
 from synchronizar.graph.problem import ranging, reached_from
-from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds
 
 
 def height_mirrors(measurements: RangeMeasurements, frames: Array, reference: int) -> list[Array]:
@@ -17,11 +18,12 @@ def height_mirrors(measurements: RangeMeasurements, frames: Array, reference: in
     heights = frames[:, 2]
     above = heights[measurements.i] + measurements.p_i[:, 2] - heights[measurements.j] - measurements.p_j[:, 2]
     active_users = np.flatnonzero(~np.isnan(heights))
-    shifts = np.zeros((len(active_users) + 1, len(heights)))
+    k = len(heights)
+    count = np.bincount(measurements.i, minlength=k) + np.bincount(measurements.j, minlength=k)
+    sums = np.bincount(measurements.i, above, k) - np.bincount(measurements.j, above, k)
+    shifts = np.zeros((len(active_users) + 1, k))
     shifts[-1] = -2.0 * heights
-    for shift, u in zip(shifts, active_users, strict=False):
-        i, j = measurements.i == u, measurements.j == u
-        shift[u] = -2.0 * (above[i].sum() - above[j].sum()) / max(i.sum() + j.sum(), 1)
+    shifts[np.arange(len(active_users)), active_users] = (-2.0 * sums / np.maximum(count, 1))[active_users]
     return [np.column_stack([frames[:, :2], heights + s - s[reference], frames[:, 3]]) for s in shifts]
 
 
@@ -35,6 +37,7 @@ def reflections(measurements: RangeMeasurements, frames: Array, reference: int) 
     out = []
     active_users = np.flatnonzero(~np.isnan(frames[:, 0])).tolist()
     linked = ranging(measurements, len(frames))
+    own = _own_lines(measurements, len(frames))
     for pivot in active_users:
         others = linked.copy()
         others[pivot] = others[:, pivot] = False
@@ -44,46 +47,45 @@ def reflections(measurements: RangeMeasurements, frames: Array, reference: int) 
             remaining -= part
             moved = part if reference not in part else set(active_users) - part - {pivot}
             if moved:
-                centroid, direction = _line(measurements, frames, pivot)
                 reflected = frames.copy()
-                for u in moved:
-                    reflected[u] = _reflect(measurements, frames, u, centroid, direction)
+                who = sorted(moved)
+                reflected[who] = _reflected(frames[who], own[who], _in_common(frames[[pivot]], own[[pivot]])[0])
                 out.append(reflected)
     return out
 
 
-def _own_places(measurements: RangeMeasurements, user: int) -> Array:
-    """(n, 2) m, horizontal positions of a user's antennas in its own frame."""
-    return np.concatenate([measurements.p_i[measurements.i == user], measurements.p_j[measurements.j == user]])[:, :2]
+def _own_lines(measurements: RangeMeasurements, users: int) -> Array:
+    """(k, 3): centroid (m) of each user's positions in its own frame, and angle (rad) of their principal axis."""
+    bounds = pair_bounds(measurements)
+    i, j = measurements.i[bounds[:-1]], measurements.j[bounds[:-1]]
+    # Sums of x, y, x^2, x y and y^2, by pair and then by user.
+    moments = np.zeros((users, 6))
+    for of_pair, p in ((i, measurements.p_i), (j, measurements.p_j)):
+        x, y = p[:, 0], p[:, 1]
+        sums = np.add.reduceat(np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y]), bounds[:-1], axis=1)
+        np.add.at(moments, of_pair, sums.T)
+    count = np.maximum(moments[:, 0], 1.0)
+    x, y = moments[:, 1] / count, moments[:, 2] / count
+    xx, xy, yy = moments[:, 3] - count * x * x, moments[:, 4] - count * x * y, moments[:, 5] - count * y * y
+    return np.column_stack([x, y, 0.5 * np.arctan2(2.0 * xy, xx - yy)])
 
 
-def _own_line(measurements: RangeMeasurements, user: int) -> tuple[Array, float]:
-    """Centroid (2,) m of a user's positions in its own frame and angle (rad) of their principal axis."""
-    places = _own_places(measurements, user)
-    if not len(places):
-        return np.zeros(2), 0.0
-    centroid = places.mean(axis=0)
-    offset = places - centroid
-    angle = 0.5 * np.arctan2(2.0 * (offset[:, 0] * offset[:, 1]).sum(), (offset[:, 0] ** 2 - offset[:, 1] ** 2).sum())
-    return centroid, float(angle)
+def _in_common(frames: Array, lines: Array) -> Array:
+    """(n, 3): lines (n, 3) of the users' own frames (n, 4) in the common one."""
+    out = lines.copy()
+    out[:, :2] = apply_frames(frames, np.column_stack([lines[:, :2], np.zeros(len(lines))]))[:, :2]
+    out[:, 2] += frames[:, 3]
+    return out
 
 
-def _line(measurements: RangeMeasurements, frames: Array, user: int) -> tuple[Array, float]:
-    """Centroid (2,) m and angle (rad) of the principal axis in the common frame."""
-    centroid, angle = _own_line(measurements, user)
-    x, y, _, yaw = frames[user]
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([x + c * centroid[0] - s * centroid[1], y + s * centroid[0] + c * centroid[1]]), float(angle + yaw)
-
-
-def _reflect(measurements: RangeMeasurements, frames: Array, user: int, centroid: Array, direction: float) -> Array:
-    """The frame (4,) of a user reflected in the line through `centroid` (2,) in `direction` (rad)."""
-    own_centroid, own_angle = _own_line(measurements, user)
-    its_centroid, its_angle = _line(measurements, frames, user)
-    c2, s2 = np.cos(2.0 * direction), np.sin(2.0 * direction)
-    offset = its_centroid - centroid
-    image = centroid + np.array([c2 * offset[0] + s2 * offset[1], s2 * offset[0] - c2 * offset[1]])
-    yaw = 2.0 * direction - its_angle - own_angle
-    c, s = np.cos(yaw), np.sin(yaw)
-    origin = image - np.array([c * own_centroid[0] - s * own_centroid[1], s * own_centroid[0] + c * own_centroid[1]])
-    return np.array([*origin, frames[user, 2], yaw])
+def _reflected(frames: Array, own: Array, line: Array) -> Array:
+    """Frames (n, 4) of users with own lines (n, 3), reflected in a line (3,) of the common frame."""
+    its = _in_common(frames, own)
+    c2, s2 = np.cos(2.0 * line[2]), np.sin(2.0 * line[2])
+    x, y = (its[:, :2] - line[:2]).T
+    out = frames.copy()
+    out[:, 3] = 2.0 * line[2] - its[:, 2] - own[:, 2]
+    c, s = np.cos(out[:, 3]), np.sin(out[:, 3])
+    out[:, 0] = line[0] + (c2 * x + s2 * y) - (c * own[:, 0] - s * own[:, 1])
+    out[:, 1] = line[1] + (s2 * x - c2 * y) - (s * own[:, 0] + c * own[:, 1])
+    return out

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from synchronizar._core import residual_inflations
 from synchronizar.arrays import Array
-from synchronizar.geometry import apply_frames
-from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds
 
 
 def inflations(measurements: RangeMeasurements, frames: Array, residual: Array, weight: Array, pieces: int) -> Array:
@@ -19,36 +17,17 @@ def inflations(measurements: RangeMeasurements, frames: Array, residual: Array, 
     f = sum g' H^-1 g / rank(H) is 1 on average. f counts only as far as it exceeds 1 by more than two of its standard
     deviations.
     """
-    k, s = len(frames), measurements
-    out = np.ones(k)
-    if not len(s):
-        return out
-    # Each range is looked at from both of its ends.
-    user, other = np.concatenate([s.i, s.j]), np.concatenate([s.j, s.i])
-    q_i, q_j = apply_frames(frames[s.i], s.p_i), apply_frames(frames[s.j], s.p_j)
-    direction = (q_i - q_j) / np.maximum(np.linalg.norm(q_i - q_j, axis=1), 1e-9)[:, None]
-    direction = np.concatenate([direction, -direction])
-    arm = np.concatenate([q_i, q_j]) - frames[user, :3]
-    jacobian = np.stack([*direction.T, direction[:, 1] * arm[:, 0] - direction[:, 0] * arm[:, 1]])
-    w = np.tile(weight, 2)
-    information = np.zeros((k, 4, 4))
-    for a in range(4):
-        for b in range(a, 4):
-            information[:, a, b] = np.bincount(user, w * jacobian[a] * jacobian[b], k)
-            information[:, b, a] = information[:, a, b]
-    span = max(float(np.ptp(s.t)), 1e-9)
-    piece = np.tile(np.minimum((s.t - s.t.min()) / span * pieces, pieces - 1).astype(int), 2)
-    cluster = (user * k + other) * pieces + piece
-    count = k * k * pieces
-    scored = w * np.tile(residual, 2)
-    scores = np.stack([np.bincount(cluster, scored * row, count) for row in jacobian], axis=1).reshape(k, -1, 4)
-    clusters = (np.bincount(cluster, minlength=count) > 0).reshape(k, -1).sum(axis=1)
-    values, vectors = np.linalg.eigh(information)
-    observed = values > 1e-9 * np.maximum(values[:, -1:], 1e-300)
-    squares = ((scores @ vectors) ** 2).sum(axis=1)
-    rank = observed.sum(axis=1)
-    seen = rank > 0
-    f = np.divide(squares, values, out=np.zeros((k, 4)), where=observed).sum(axis=1)[seen] / rank[seen]
-    by_chance = 1.0 + 2.0 * np.sqrt(2.0 / (rank[seen] * clusters[seen]))
-    out[seen] = np.maximum(1.0, f / by_chance)
-    return out
+    bounds = pair_bounds(measurements)
+    begin = bounds[:-1]
+    return residual_inflations(
+        bounds,
+        measurements.i[begin],
+        measurements.j[begin],
+        measurements.t,
+        measurements.p_i,
+        measurements.p_j,
+        frames,
+        residual,
+        weight,
+        pieces,
+    )

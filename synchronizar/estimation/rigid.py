@@ -15,7 +15,6 @@ from synchronizar.estimation.assessment import assess
 from synchronizar.estimation.local_optima import excluded_above, find_optima
 from synchronizar.estimation.residual_statistics import inflations
 from synchronizar.estimation.segments import starts_of
-from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import LocalOptimum
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
@@ -39,7 +38,7 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     optima = [s for s in optima if s.cost <= best.cost + excluded_above(best)]
     inflation = _inflation(best)
     systematic = np.flatnonzero(inflation > parameters.integrity.systematic_inflation).tolist()
-    assessed = assess(optima, partial(_inflated, inflation=inflation), systematic)
+    assessed = assess(optima, partial(_inflated, graph=graph, inflation=inflation), systematic)
     own = OwnFrames(np.ones(k), np.zeros(k), anchors, np.append(anchors[reference], 0.0), np.zeros(3))
     seconds = {"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched}
     return registration_of(assessed, own, recording.users[reference].name, len(recording.ranges), seconds)
@@ -54,19 +53,20 @@ def _inflation(best: LocalOptimum) -> Array:
     return inflations(graph.to_rigid_ranges(best.states), best.frames, residual, weight, pieces)
 
 
-def _inflated(optimum: LocalOptimum, inflation: Array) -> Array:
+def _inflated(optimum: LocalOptimum, graph: RigidGraph, inflation: Array) -> Array:
     """Covariances (k, 4, 4) beside the reference, the ranges' information divided by `inflation`, priors' kept.
 
     With the information H = R + P of ranges and priors, and scores of covariance f R + P, the sandwich
     H^-1 (f R + P) H^-1 is f H^-1 - (f - 1) H^-1 P H^-1; no number is known worse than before any range.
     """
-    out = marginals(optimum.graph, optimum.states, optimum.em_weights).relative
-    for u in optimum.graph.free:
-        factor = float(inflation[u])
-        variances = optimum.graph.prior_variances(u)
-        prior = 1.0 / variances
-        prior[3] /= len(optimum.graph.free)  # all headings share one
-        out[u] = factor * out[u] - (factor - 1.0) * out[u] @ np.diag(prior) @ out[u]
-        no_worse = np.sqrt(np.minimum(1.0, variances / np.maximum(np.diag(out[u]), 1e-300)))
-        out[u] *= np.outer(no_worse, no_worse)
+    out, free = graph.covariances(optimum.frames, optimum.em_weights.nlos_odds), graph.free
+    if not free:
+        return out
+    variances = np.array([graph.prior_variances(u) for u in free])
+    prior = 1.0 / variances
+    prior[:, 3] /= len(free)  # all headings share one
+    own, factor = out[free], inflation[free, None, None]
+    own = factor * own - (factor - 1.0) * (own * prior[:, None, :]) @ own
+    no_worse = np.sqrt(np.minimum(1.0, variances / np.maximum(np.diagonal(own, axis1=1, axis2=2), 1e-300)))
+    out[free] = own * no_worse[:, :, None] * no_worse[:, None, :]
     return out

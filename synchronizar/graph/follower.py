@@ -7,7 +7,8 @@ replaced cheaply as ranges come, and the oldest slot is a leaf, which is margina
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import gtsam
@@ -23,9 +24,11 @@ _THRESHOLDS = {
     "d": np.array([0.005, 0.02, 0.01]) / CALIBRATION_UNITS,  # log scale, m, s
 }
 """Estimates that are further from where they were linearised are linearised anew."""
+_NUMBERS = 7  # of a user and slot
+_SPANS = (slice(0, 3), slice(3, 4), slice(4, 7))  # of X, H and D among a user's seven numbers
 _NEVER = 10**9  # updates: iSAM2 linearises anew when it is told to, so that the order of time can be kept
 _VARIABLES = 3  # a user and slot
-_STEPS = 5  # Gauss-Newton steps of a graph that is built anew, at most
+_MOST_SLOTS = 4096  # whose keys are remembered
 
 
 class SlotState(NamedTuple):
@@ -87,6 +90,7 @@ class Follower:
         self._touched: int | None = None
         self._left = 0  # users who were taken out, ever
         self._fixed: set[int] = set()  # variables that a marginal ties: they stay linearised where they are
+        self._ordered: tuple[list[tuple[int, tuple[int, ...]]], gtsam.KeyGroupMap] | None = None
         self._tree, self._at = _tree()
 
     # What is in it
@@ -126,7 +130,7 @@ class Follower:
     def update(self, latest: int | None = None) -> None:
         """Take in what was put since the last update, and solve.
 
-        Only the `latest` slots are looked at for estimates that are to be linearised anew; None: all. Raises
+        Only estimates of the `latest` slots are linearised anew where they need it; None: those of all slots. Raises
         RuntimeError where a variable is seen by no factor.
         """
         stale = self._stale(latest)
@@ -147,15 +151,12 @@ class Follower:
         params = gtsam.ISAM2UpdateParams()
         params.removeFactorIndices = self._dropped
         params.force_relinearize = stale is not None
-        order, again = gtsam.KeyGroupMap(), gtsam.KeyList()
-        touched = [key for slot, users in self._slots.items() if slot >= first for key in _keys(users, slot)]
-        for key in touched:
-            if not self._inserted.exists(key):
-                again.push_back(key)
-        for group, (slot, present) in enumerate(self._slots.items()):
-            for key in _keys(present, slot):
-                order.insert2(key, group)
-        params.constrainedKeys, params.extraReelimKeys, params.noRelinKeys = order, again, _key_list(self._fixed)
+        touched = self._keys_of(slots[at:])
+        if self._inserted.size():
+            touched = [key for key in touched if not self._inserted.exists(key)]
+        params.constrainedKeys, params.extraReelimKeys = self._groups(), _key_list(touched)
+        waiting = self._keys_of(slots[:-latest]) if latest and stale is not None else []
+        params.noRelinKeys = _key_list({*self._fixed, *waiting})
         try:
             result = self._tree.update(graph, self._inserted, params)
         except IndexError as error:  # gtsam looks for the variable's factors
@@ -165,30 +166,43 @@ class Follower:
         self._new, self._dropped, self._inserted, self._touched = {}, [], gtsam.Values(), None
         self._at = self._tree.getLinearizationPoint()
 
+    def _keys_of(self, slots: Iterable[int]) -> list[int]:
+        """All variables of slots."""
+        return [key for slot in slots for key in _keys(tuple(self._slots[slot]), slot)]
+
+    def _groups(self) -> gtsam.KeyGroupMap:
+        """All variables, by the order of their slots."""
+        present = [(slot, tuple(users)) for slot, users in self._slots.items()]
+        if self._ordered is None or self._ordered[0] != present:
+            groups = gtsam.KeyGroupMap()
+            for group, (slot, users) in enumerate(present):
+                for key in _keys(users, slot):
+                    groups.insert2(key, group)
+            self._ordered = present, groups
+        return self._ordered[1]
+
     def _stale(self, latest: int | None = None) -> int | None:
         """The first of the latest slots, or of all, with an estimate that is too far from where it was linearised."""
         if not self._tree.size():
             return None
-        delta = self._tree.getDelta()
-        for slot, users in list(self._slots.items())[-latest if latest else 0 :]:
-            for symbol, key in zip("xhd" * len(users), _keys(users, slot), strict=True):
-                if key in self._fixed or self._inserted.exists(key):
-                    continue
-                if (np.abs(delta.at(key)) > _THRESHOLDS[symbol]).any():
+        at = [(user, slot) for slot, users in list(self._slots.items())[-latest if latest else 0 :] for user in users]
+        if self._inserted.size():
+            at = [(user, slot) for user, slot in at if not self._inserted.exists(keys.slot_pose(user, slot))]
+        wanted = [key for user, slot in at for key in _keys((user,), slot)]
+        if not wanted:
+            return None
+        farthest = np.concatenate([_THRESHOLDS[symbol] for symbol in "xhd"])
+        far = np.abs(self._tree.getDelta().vector(wanted)).reshape(-1, len(farthest)) > farthest
+        for row in np.flatnonzero(far.any(axis=1)).tolist():
+            user, slot = at[row]
+            for key, span in zip(_keys((user,), slot), _SPANS, strict=True):
+                if key not in self._fixed and far[row, span].any():
                     return slot
         return None
 
     def rebuild(self) -> None:
-        """The tree made anew of all factors, at the present estimates, and solved."""
+        """The tree made anew of all factors, linearised at the present estimates, and solved."""
         self._build(self.estimates())
-        self.settle()
-
-    def settle(self) -> None:
-        """Linearise and solve until no estimate is far from where it was linearised."""
-        for _ in range(_STEPS):
-            if self._stale() is None:
-                break
-            self.update()
 
     def _build(self, values: gtsam.Values) -> None:
         self._tree, self._at = _tree()
@@ -213,7 +227,7 @@ class Follower:
 
     def drop_user(self, user: int) -> None:
         """Take a user's variables out; its ranges must be gone already, its priors are marginalised. Then `rebuild`."""
-        own = {key for slot, users in self._slots.items() if user in users for key in _keys([user], slot)}
+        own = {key for slot, users in self._slots.items() if user in users for key in _keys((user,), slot)}
         values = self.estimates()
         linear = gtsam.GaussianFactorGraph()
         for name, (factor, _, _) in list(self._factors.items()):
@@ -244,8 +258,8 @@ class Follower:
         leaves = [slot for slot in self._slots if slot < before]
         if not leaves:
             return
-        self.update()
-        marginal = [key for slot in leaves for key in _keys(self._slots[slot], slot)]
+        self.update()  # they stay linearised where they are
+        marginal = self._keys_of(leaves)
         left, gone = self._tree.marginalizeLeavesWithIndices(_key_list(marginal))
         deleted = set(gone)
         self._factors = {name: placed for name, placed in self._factors.items() if placed.position not in deleted}
@@ -261,23 +275,30 @@ class Follower:
 
     # What it tells
 
-    def state(self, user: int, slot: int) -> SlotState:
-        """A user's at a slot."""
-        pose_key, height_key, calibration_key = _keys([user], slot)
-        if self._inserted.exists(pose_key):  # where it begins
-            pose, height = self._inserted.atPose2(pose_key), self._inserted.atDouble(height_key)
-            calibration = self._inserted.atVector(calibration_key)
-        else:
-            pose, height = self._tree.calculateEstimatePose2(pose_key), self._tree.calculateEstimateDouble(height_key)
-            calibration = self._tree.calculateEstimateVector(calibration_key)
-        return SlotState((pose.x(), pose.y(), pose.theta()), height, calibration * CALIBRATION_UNITS)
+    def states(self, at: Sequence[tuple[int, int]]) -> Array:
+        """(n, 7) x, y, yaw, height, log scale, radio bias, clock offset of users at slots."""
+        out = np.empty((len(at), _NUMBERS))
+        known = list(range(len(at)))
+        if self._inserted.size():  # they are where they begin
+            for n in [n for n in known if self._inserted.exists(keys.slot_pose(*at[n]))]:
+                out[n] = np.concatenate([_value(self._inserted, key) for key in _keys((at[n][0],), at[n][1])])
+                known.remove(n)
+        known.sort(key=lambda n: at[n][::-1])  # gtsam lists values by key, which is by slot and user
+        listed = [_keys((user,), slot) for user, slot in map(at.__getitem__, known)]
+        if listed:
+            values = self._tree.calculateEstimate([key for of_one in listed for key in of_one])
+            out[known, :3] = gtsam.utilities.extractPose2(values)
+            out[known, 3] = [values.atDouble(height) for _, height, _ in listed]
+            out[known, 4:] = gtsam.utilities.extractVectors(values, "d")
+        out[:, 4:] *= CALIBRATION_UNITS
+        return out
 
     def covariance(self, at: Iterable[tuple[int, int]]) -> Array:
         """(7 k, 7 k) joint covariance of users at slots: tangents of X, H and D of each (user, slot) in turn.
 
         Raises RuntimeError where the graph does not determine them.
         """
-        wanted = [key for user, slot in at for key in _keys([user], slot)]
+        wanted = [key for user, slot in at for key in _keys((user,), slot)]
         units = np.tile(np.concatenate([np.ones(4), CALIBRATION_UNITS]), len(wanted) // 3)
         return np.asarray(units[:, None] * self._tree.jointMarginalCovariance(wanted).fullMatrix() * units)
 
@@ -326,7 +347,7 @@ class Follower:
             out._factors[name] = placed
         order, params = gtsam.KeyGroupMap(), gtsam.ISAM2UpdateParams()
         for group, (slot, users) in enumerate(out._slots.items()):
-            for key in _keys(users, slot):
+            for key in _keys(tuple(users), slot):
                 if at.exists(key):
                     order.insert2(key, group)
         params.constrainedKeys = order
@@ -337,12 +358,14 @@ class Follower:
         return out
 
 
-def _keys(users: Iterable[int], slot: int) -> list[int]:
-    return [
+@lru_cache(_MOST_SLOTS)
+def _keys(users: tuple[int, ...], slot: int) -> tuple[int, ...]:
+    """X, H and D of each user in turn."""
+    return tuple(
         key
         for u in users
         for key in (keys.slot_pose(u, slot), keys.slot_height(u, slot), keys.slot_calibration(u, slot))
-    ]
+    )
 
 
 def _key_list(of: Iterable[int]) -> gtsam.KeyList:

@@ -71,16 +71,17 @@ class GtsamForm:
 
     def _add_priors(self, out: gtsam.NonlinearFactorGraph, about: Array, em_weights: EmWeights) -> None:
         graph, noise = self.graph, gtsam.noiseModel
+        sigma = graph.height_sigma / np.sqrt(em_weights.height_weight)
         place = graph.parameters.priors.place_sigma
         wide = noise.Diagonal.Sigmas(np.array([place, place, graph.yaw_sigma]))
         for u in graph.free:
             x, y, _, yaw = about[u].tolist()
             out.addPriorPose2(keys.frame(u), gtsam.Pose2(x, y, yaw), wide)
-            level = noise.Isotropic.Sigma(1, graph.height_sigma[u])
+            level = noise.Isotropic.Sigma(1, sigma[u])
             out.add(gtsam.BetweenFactorDouble(keys.MEAN_HEIGHT, keys.height(u), 0.0, level))
         if graph.calibrations:
             self._add_calibration_priors(out, em_weights)
-        level = noise.Isotropic.Sigma(1, graph.height_sigma[graph.reference])
+        level = noise.Isotropic.Sigma(1, sigma[graph.reference])
         out.addPriorDouble(keys.MEAN_HEIGHT, 0.0, level)
 
     def _add_calibration_priors(self, out: gtsam.NonlinearFactorGraph, em_weights: EmWeights) -> None:
@@ -148,7 +149,7 @@ class GtsamForm:
         if graph.calibrations:
             alike = np.ones((len(graph.users) + 1, 3))
             values.insert(keys.SHARED_CALIBRATION, graph.shared_calibration(states, alike))
-        values.insert(keys.MEAN_HEIGHT, graph.mean_height(states.anchor_poses))
+        values.insert(keys.MEAN_HEIGHT, graph.mean_height(states.anchor_poses, np.ones(len(graph.users))))
         for u in graph.active_users:
             for n, (x, y, z, yaw) in enumerate(states.keyframe_poses[u].tolist()):
                 if n > 0:

@@ -7,7 +7,7 @@ steps are the odometry factors between keyframes; range factors connect the user
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +19,7 @@ from synchronizar._core import NlosMixture, WalkNoise, burst_nlos_odds_of_pairs,
 from synchronizar.arrays import Array, Indices
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
-from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.geometry import apply_frames, difference, wrap_angle
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import CLOCK, SCALE, States, slam_states, steps, to_rigid_ranges
@@ -29,10 +29,12 @@ from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_end
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, mean_by_pair, pair_bounds
 from synchronizar.preprocessing.range_weights import measured_range_weights, prior_range_weights
 
+SAME = 0.01  # m and rad: optima that are closer are one
 _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes by more
 _GAIN = 0.001  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
 _GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
 _ITERATIONS = 10
+_LEVEL_ROUNDS = 5  # of expectation maximisation by which the origins' mean height is found
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,8 @@ class EmWeights:
     calibration_weight: Array
     """(k + 1, 3): the same weight of each device's deviation from the shared log scale, bias and clock offset; the last
     row is that of the shared calibration's deviation from zero."""
+    height_weight: Array
+    """(k,): the same weight of each origin's height about the mean level."""
 
 
 class LocalOptimum(NamedTuple):
@@ -188,7 +192,7 @@ class PoseGraph:
             about[users],
             m.priors.place_sigma,
             self.yaw_sigma,
-            self.height_sigma[users],
+            self.height_sigma[users] / np.sqrt(em_weights.height_weight[users]),
             own / weight[users],
             common / weight[-1],
             self.assumed_clock[users],
@@ -235,7 +239,8 @@ class PoseGraph:
         """Initial weights, from the priors."""
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         first = prior_range_weights(self.measurements, self.parameters)
-        return EmWeights(self.measurements.nlos_odds, first, weights, np.ones((len(self.users) + 1, 3)))
+        k = len(self.users)
+        return EmWeights(self.measurements.nlos_odds, first, weights, np.ones((k + 1, 3)), np.ones(k))
 
     def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:
         """EM weights re-estimated at these states, and the states' negative log likelihood.
@@ -256,9 +261,9 @@ class PoseGraph:
         calibration_weight, tail = (
             self._calibration_weights(states, before) if self.calibrations else (before.calibration_weight, 0.0)
         )
-        return EmWeights(odds, before.range_weight, weights, calibration_weight), cost + tail + self._height_cost(
-            states.anchor_poses
-        )
+        height_weight, of_heights = self.height_weights(states.anchor_poses)
+        after = EmWeights(odds, before.range_weight, weights, calibration_weight, height_weight)
+        return after, cost + tail + of_heights
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
         """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
@@ -288,14 +293,19 @@ class PoseGraph:
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
         return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)
 
-    def _height_cost(self, frames: Array) -> float:
-        heights, weight = frames[self.active_users, 2], self.height_sigma[self.active_users] ** -2
-        mean = self.mean_height(frames)
-        return 0.5 * float((weight * (heights - mean) ** 2).sum())
+    def height_weights(self, frames: Array) -> tuple[Array, float]:
+        """Weights (k,) of the origins' heights about their most likely mean, and their cost."""
+        weight, cost, users = np.ones(len(self.users)), 0.0, self.active_users
+        squares = np.zeros(len(self.users))
+        for _ in range(_LEVEL_ROUNDS):
+            off = frames[users, 2] - self.mean_height(frames, weight)
+            squares[users] = (off / self.height_sigma[users]) ** 2
+            weight, cost = _student(squares, self.parameters.priors.height_dof, 1)
+        return weight, cost
 
-    def mean_height(self, frames: Array) -> float:
-        """The most likely mean height (m) of the origins, at anchor poses (k, 4)."""
-        weight = self.height_sigma[self.active_users] ** -2
+    def mean_height(self, frames: Array, height_weight: Array) -> float:
+        """The most likely mean height (m) of the origins, at anchor poses (k, 4) and weights (k,)."""
+        weight = height_weight[self.active_users] / self.height_sigma[self.active_users] ** 2
         return float(weight @ frames[self.active_users, 2] / weight.sum())
 
     # Optimisation
@@ -306,20 +316,20 @@ class PoseGraph:
         em_weights: EmWeights,
         rounds: int,
         annealing: float = 1.0,
-        known: Callable[[States], bool] | None = None,
+        known: Sequence[Array] = (),
         hopeless: float = np.inf,
     ) -> LocalOptimum:
         """The local optimum reached from states: optimises the states and re-estimates the weights in turn.
 
         Expectation maximisation; antenna positions are read again where clock offsets have changed. Stops when a round
-        lowers the cost by less than the graph's gain, or after `rounds`; or when, after a round, the states are `known`
-        (the cost returned is then that before it) or cost more than `hopeless`.
+        lowers the cost by less than the graph's gain, or after `rounds`; or when, after a round, the last poses are
+        `known` ones (the cost returned is then that before it) or the states cost more than `hopeless`.
         """
         graph, about, before, gain = self, states.anchor_poses, np.inf, self._gain
         for _ in range(rounds):
             if np.abs(states.calibration[:, CLOCK] - graph.assumed_clock).max() > _STALE_CLOCK:
                 graph = graph.with_antennas_at(states.calibration[:, CLOCK])
-            if known is not None and before < np.inf and known(states):
+            if before < np.inf and self.is_known(states, known):
                 return LocalOptimum(graph, states, em_weights, before)
             em_weights, cost = graph.e_step(states, em_weights)
             if before - cost < gain or hopeless < cost < before < np.inf:
@@ -328,6 +338,11 @@ class PoseGraph:
             states = graph.optimised(states, about, em_weights, annealing, _ITERATIONS, 0.25 * gain)
         em_weights, cost = graph.e_step(states, em_weights)
         return LocalOptimum(graph, states, em_weights, cost)
+
+    def is_known(self, states: States, known: Sequence[Array]) -> bool:
+        """Whether the last poses are within `SAME` of some known ones, (k, 4) each."""
+        here = self.last_poses(states)
+        return any(np.nanmax(np.abs(difference(here, there))) < SAME for there in known)
 
     def optimised(
         self, states: States, about: Array, em_weights: EmWeights, annealing: float, iterations: int, gain: float

@@ -46,9 +46,11 @@ class Problem:
 
     def part(self, which: Mask) -> Problem:
         """The same with the ranges `which` (n,) alone, between the users that these connect to the reference."""
-        chosen = self.measurements[which]
+        chosen = self.measurements if which.all() else self.measurements[which]
         active_users = connected(chosen, len(self.users), self.reference)
-        return replace(self, measurements=chosen[np.isin(chosen.i, active_users)], active_users=active_users)
+        if len(active_users) < len(self.users):
+            chosen = chosen[np.isin(chosen.i, active_users)]
+        return replace(self, measurements=chosen, active_users=active_users)
 
     def with_measurements(self, measurements: RangeMeasurements) -> Problem:
         """The same users with other ranges between them."""
@@ -57,6 +59,8 @@ class Problem:
     def widened(self, sigma: float) -> Problem:
         """The same with a further error of 1 sigma `sigma` (m) in each range: what a rigid model of SLAM leaves out."""
         ranges = self.measurements
+        if sigma == 0.0:
+            return self
         return self.with_measurements(replace(ranges, sigma=np.hypot(ranges.sigma, sigma)))
 
 

@@ -223,30 +223,23 @@ class RangeSlotFactor(gtsam.CustomFactor):
         loss: Loss,
         annealing: float = 1.0,
         height_curvature: Array | None = None,
-        calibration_units: Array | None = None,
     ) -> None:
         """`users` as the slot numbers them; `annealing` >= 1 widens the loss.
 
-        `height_curvature` (1/m^2) is that of `RangeSlot.square_root`; `calibration_units` (3,) are what one of each of
-        the calibrations' variables stands for, where it is not 1 (log scale), 1 m and 1 s.
+        `height_curvature` (1/m^2) is that of `RangeSlot.square_root`.
         """
         frames_alone = all(user.at_origin for user in users)
         width = 7 if frames_alone else 11
         columns = [which for n, user in enumerate(users) for which in user.columns(width * n, frames_alone)]
-        units = None if calibration_units is None else np.concatenate([np.ones(width - 3), calibration_units])
 
         def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
             at = np.array([user.read(values) for user in users])
-            if calibration_units is not None:
-                at[:, 8:] *= calibration_units
             if jacobians is None:
                 return np.array([np.sqrt(2.0 * slot.cost(at[:, :8], at[:, 8:], loss, annealing))])
             if frames_alone:
                 root = slot.square_root_frames(at[:, :4], at[:, 8:], loss, annealing, height_curvature)
             else:
                 root = slot.square_root(at[:, :8], at[:, 8:], loss, annealing, height_curvature)
-            if units is not None:
-                root[:, :-1] *= np.tile(units, len(users))
             for k, which in enumerate(columns):
                 jacobians[k] = root[:, which]
             return root[:, -1]

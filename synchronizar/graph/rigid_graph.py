@@ -6,21 +6,22 @@ users at once. It also stands for a pose graph at given states, where mirror ima
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
-from synchronizar._core import RangeBlock, UserPose, search_heights
+from synchronizar._core import RangeBlock, RigidSolver, search_heights
 from synchronizar.arrays import Array
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.pose_graph import SAME, EmWeights, LocalOptimum, PoseGraph
+from synchronizar.graph.priors import bursts_of
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States
 from synchronizar.preprocessing.centering import centered
 from synchronizar.preprocessing.keyframes import RangeEnds, standing_at
-from synchronizar.preprocessing.range_measurements import Pair, RangeMeasurements, pairs
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds, pairs
 
 _GAIN = 0.005  # of log likelihood: what gains less changes nothing that could be measured
+_ITERATIONS = 10
 
 
 class RigidGraph(PoseGraph):
@@ -33,19 +34,26 @@ class RigidGraph(PoseGraph):
         self.calibrations = []
         self.sigma, self._gain = problem.measurements.sigma, _GAIN
         s = self._about_anchors
-        self._blocks: list[tuple[Pair, RangeBlock]] = []
-        for pair in pairs(s):
-            k = pair.measurements
-            block = RangeBlock(s.p_i[k], s.p_j[k], s.distance[k], s.sigma[k], s.nlos_odds[k])
-            self._blocks.append((pair, block))
-
-    def with_nlos_odds(self, nlos_odds: Array) -> RigidGraph:
-        """The same graph, each range's prior NLOS odds (n,) being these."""
-        out = copy(self)
-        out.problem = self.problem.with_measurements(replace(self.measurements, nlos_odds=nlos_odds))
-        out._about_anchors = replace(self._about_anchors, nlos_odds=nlos_odds)
-        out._blocks = [(pair, block.with_nlos_odds(nlos_odds[pair.measurements])) for pair, block in self._blocks]
-        return out
+        bounds = pair_bounds(s)
+        begin, active = bounds[:-1], np.zeros(len(self.users), dtype=bool)
+        active[self.active_users] = True
+        self._solver = RigidSolver(
+            active,
+            self.reference,
+            bounds,
+            s.i[begin],
+            s.j[begin],
+            s.t,
+            s.p_i,
+            s.p_j,
+            s.distance,
+            s.sigma,
+            s.nlos_odds,
+            self.height_sigma,
+            self.parameters.priors.place_sigma,
+            self.yaw_sigma,
+            self.loss,
+        )
 
     def _read_antennas(self, clock_offset: Array) -> None:
         """The measurements have them; clocks are right."""
@@ -58,42 +66,103 @@ class RigidGraph(PoseGraph):
         """The measurements about the anchors: there is no drift, scale, clock or bias."""
         return self._about_anchors
 
+    def residuals(self, states: States) -> Array:
+        """(n,) m, predicted minus measured."""
+        return self._solver.residuals(states.anchor_poses)
+
     def initial_em_weights(self) -> EmWeights:
         """Nothing is known yet; each range counts as one."""
-        k, one = len(self.users), np.ones(len(self.measurements))
-        return EmWeights(self.measurements.nlos_odds, one, [np.ones(0)] * k, np.ones((k + 1, 3)))
+        return self._weights(self.measurements.nlos_odds)
+
+    def _weights(self, nlos_odds: Array) -> EmWeights:
+        k = len(self.users)
+        return EmWeights(nlos_odds, np.ones(len(nlos_odds)), [np.ones(0)] * k, np.ones((k + 1, 3)), np.ones(k))
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:  # noqa: ARG002 - the face of PoseGraph
         """The same: each range counts as one."""
         return em_weights
 
+    def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:  # noqa: ARG002 - the face of PoseGraph
+        """EM weights re-estimated at these states, and the states' negative log likelihood."""
+        nlos_odds, cost = self._solver.e_step(states.anchor_poses, bursts_of(self.parameters))
+        return self._weights(nlos_odds), cost
+
+    def run_em(
+        self,
+        states: States,
+        em_weights: EmWeights,
+        rounds: int,
+        annealing: float = 1.0,
+        known: Sequence[Array] = (),
+        hopeless: float = np.inf,
+    ) -> LocalOptimum:
+        """The local optimum reached from states, as in PoseGraph."""
+        frames, nlos_odds, cost = self._solver.run_em(
+            states.anchor_poses,
+            em_weights.nlos_odds,
+            bursts_of(self.parameters),
+            annealing,
+            rounds,
+            _ITERATIONS,
+            self._gain,
+            list(known),
+            SAME,
+            hopeless,
+        )
+        return LocalOptimum(self, states._replace(anchor_poses=frames), self._weights(nlos_odds), cost)
+
+    def optimised(
+        self, states: States, about: Array, em_weights: EmWeights, annealing: float, iterations: int, gain: float
+    ) -> States:
+        """The states after at most so many Gauss-Newton steps, as in PoseGraph."""
+        frames = self._solver.optimize(states.anchor_poses, about, em_weights.nlos_odds, annealing, iterations, gain)
+        return states._replace(anchor_poses=frames)
+
+    def image(self, states: States, em_weights: EmWeights, known: Sequence[Array]) -> States | None:
+        """The states at the optimum for these weights; None where it, or the way to it, is at `known` poses."""
+        frames = states.anchor_poses
+        frames = self._solver.optimize(
+            frames, frames, em_weights.nlos_odds, 1.0, _ITERATIONS, 0.25 * self._gain, list(known), SAME
+        )
+        there = states._replace(anchor_poses=frames)
+        return None if self.is_known(there, known) else there
+
     def last_poses(self, states: States) -> Array:
         """(k, 4) x, y, z (m), yaw (rad): where each anchor is."""
         return states.anchor_poses.copy()
 
-    def cost(self, frames: Array) -> float:
-        """The sum of the losses of all ranges, each by itself, and of the heights' prior, at frames (k, 4)."""
-        poses = _poses(frames)
-        ranges = sum(block.cost(poses[pair.i], poses[pair.j], self.loss) for pair, block in self._blocks)
-        return ranges + self._height_cost(frames)
+    def cost(self, frames: Array, nlos_odds: Array | None = None, most: float = np.inf) -> float:
+        """The sum of the losses of all ranges, each by itself, and of the heights' prior, at frames (k, 4).
 
-    def other_heights(self, frames: Array, excluded: float) -> list[Array]:
+        `nlos_odds` (n,) stand for the measurements' own. Where the cost is above `most`, any number above it.
+        """
+        return self._solver.cost(frames, self.measurements.nlos_odds if nlos_odds is None else nlos_odds, most)
+
+    def covariances(self, frames: Array, nlos_odds: Array) -> Array:
+        """(k, 4, 4) of x, y, z (m), yaw (rad) beside the reference, at a local optimum; NaN where nobody is."""
+        out = self._solver.covariances(frames, nlos_odds).reshape(-1, 4, 4)
+        if len(self.active_users) < len(out):
+            out[np.isin(np.arange(len(out)), self.active_users, invert=True)] = np.nan
+        return out
+
+    def other_heights(self, frames: Array, nlos_odds: Array, excluded: float) -> list[Array]:
         """Joint placements (k, 4) that differ from `frames` in heights alone and explain the ranges.
 
-        Their cost is at most `excluded` above the best one's.
+        Their cost is at most `excluded` above the best one's; `nlos_odds` (n,) stand for the measurements' own.
         """
+        s = self._about_anchors
+        blocks = [
+            (pair.i, pair.j, RangeBlock(s.p_i[k], s.p_j[k], s.distance[k], s.sigma[k], nlos_odds[k]))
+            for pair in pairs(s)
+            for k in (pair.measurements,)
+        ]
         found = search_heights(
             np.nan_to_num(frames),
             self.height_sigma,
             np.isin(np.arange(len(frames)), self.free),
-            [(pair.i, pair.j, block) for pair, block in self._blocks],
+            blocks,
             self.loss,
             excluded,
             self.parameters.search.most_hypotheses,
         )
         return [np.column_stack([frames[:, :2], heights + 0.0 * frames[:, 2], frames[:, 3]]) for heights, _ in found]
-
-
-def _poses(frames: Array) -> list[UserPose]:
-    """Of every user, by frames (k, 4) x, y, z, yaw."""
-    return [UserPose(x, y, yaw, z) for x, y, z, yaw in frames.tolist()]

@@ -17,7 +17,6 @@ import numpy as np
 from synchronizar._core import RangeSlot
 from synchronizar.arrays import Array
 from synchronizar.graph import keys
-from synchronizar.graph.range_factors import CalibratedUserKeys, RangeSlotFactor
 from synchronizar.graph.states import CLOCK, SCALE
 from synchronizar.parameters import Parameters
 
@@ -58,6 +57,12 @@ def step_factor(user: int, begin: int, end: int, step: SlamStep, parameters: Par
     plane, up, turn = (1.0 / sigma for sigma in step.sigma)
     here, there = keys.slot_pose(user, begin), keys.slot_pose(user, end)
     low, high, device = keys.slot_height(user, begin), keys.slot_height(user, end), keys.slot_calibration(user, begin)
+    # What does not depend on the estimates is made once: this is called a thousand times a second.
+    by_here, by_there = np.diag([-plane, -plane, 0.0])[[0, 1, 2, 2]], np.diag([plane, plane, turn])[[0, 1, 1, 2]]
+    by_here[3, 2], by_there[2] = -turn, 0.0
+    by_low, by_high = np.array([[0.0], [0.0], [-up], [0.0]]), np.array([[0.0], [0.0], [up], [0.0]])
+    by_device = np.zeros((_STEP_DIMENSION, 3))
+    by_device[:3, SCALE] = -_SCALE_UNIT * dx * plane, -_SCALE_UNIT * dy * plane, -_SCALE_UNIT * dz * up
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         a, b = values.atPose2(here), values.atPose2(there)
@@ -69,23 +74,13 @@ def step_factor(user: int, begin: int, end: int, step: SlamStep, parameters: Par
         x, y = c * east + s * north, c * north - s * east
         rise = values.atDouble(high) - values.atDouble(low)
         if jacobians is not None:
-            ct, st = cos(turned), sin(turned)
-            jacobians[0] = np.array(
-                [[-plane, 0.0, y * plane], [0.0, -plane, -x * plane], [0.0, 0.0, 0.0], [0.0, 0.0, -turn]]
-            )
-            jacobians[1] = np.array([[0.0], [0.0], [-up], [0.0]])
-            jacobians[2] = np.array(
-                [
-                    [-scale * _SCALE_UNIT * dx * plane, 0.0, 0.0],
-                    [-scale * _SCALE_UNIT * dy * plane, 0.0, 0.0],
-                    [-scale * _SCALE_UNIT * dz * up, 0.0, 0.0],
-                    [0.0, 0.0, 0.0],
-                ]
-            )
-            jacobians[3] = np.array(
-                [[ct * plane, -st * plane, 0.0], [st * plane, ct * plane, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, turn]]
-            )
-            jacobians[4] = np.array([[0.0], [0.0], [up], [0.0]])
+            by_pose = by_here.copy()
+            by_pose[0, 2], by_pose[1, 2] = y * plane, -x * plane
+            jacobians[0], jacobians[1], jacobians[2], jacobians[4] = by_pose, by_low, scale * by_device, by_high
+            by_pose = by_there.copy()
+            ct, st = cos(turned) * plane, sin(turned) * plane
+            by_pose[0, 0], by_pose[0, 1], by_pose[1, 0], by_pose[1, 1] = ct, -st, st, ct
+            jacobians[3] = by_pose
         return np.array([(x - scale * dx) * plane, (y - scale * dy) * plane, (rise - scale * dz) * up, turned * turn])
 
     return gtsam.CustomFactor(_student(parameters.slam.drift_dof), [here, low, device, there, high], error)
@@ -183,15 +178,34 @@ def height_prior(user: int, slot: int, height: float, sigma: float) -> gtsam.Pri
 
 def ranges_factor(
     slot: int, users: Sequence[int], ranges: RangeSlot, loss: Loss, curvature: Array | None = None
-) -> RangeSlotFactor:
+) -> gtsam.CustomFactor:
     """All ranges of a slot, between any of `users`, which are those of `ranges`, in its order.
 
-    `curvature` (1/m^2), one a pair, is that of `RangeSlot.square_root`.
+    As `RangeSlotFactor`, for users who all have the same three variables. `curvature` (1/m^2), one a pair, is that of
+    `RangeSlot.square_root`.
     """
-    at = [
-        CalibratedUserKeys(
-            keys.slot_pose(u, slot), keys.slot_height(u, slot), None, None, keys.slot_calibration(u, slot)
-        )
-        for u in users
-    ]
-    return RangeSlotFactor(at, ranges, loss, height_curvature=curvature, calibration_units=CALIBRATION_UNITS)
+    of_each = [(keys.slot_pose(u, slot), keys.slot_height(u, slot), keys.slot_calibration(u, slot)) for u in users]
+    widths = [slice(7 * n + a, 7 * n + b) for n in range(len(users)) for a, b in ((0, 3), (3, 4), (4, 7))]
+    units = np.append(np.tile(np.concatenate([np.ones(4), CALIBRATION_UNITS]), len(users)), 1.0)
+    shape = len(users), 7
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+        numbers: list[float] = []
+        for pose, height, device in of_each:
+            at = values.atPose2(pose)
+            numbers += (at.x(), at.y(), at.theta(), values.atDouble(height), *values.atVector(device).tolist())
+        states = np.array(numbers).reshape(shape)
+        devices = states[:, 4:] * CALIBRATION_UNITS
+        if jacobians is None:
+            poses = np.zeros((len(users), 8))
+            poses[:, :4] = states[:, :4]
+            return np.array([np.sqrt(2.0 * ranges.cost(poses, devices, loss))])
+        root = ranges.square_root_frames(states[:, :4], devices, loss, 1.0, curvature)
+        root *= units
+        for n, width in enumerate(widths):
+            jacobians[n] = root[:, width]
+        return root[:, -1]
+
+    of_all = [key for of_one in of_each for key in of_one]
+    factor: gtsam.CustomFactor = gtsam.CustomFactor(None, of_all, error)  # type: ignore[call-overload]  # may be missing
+    return factor

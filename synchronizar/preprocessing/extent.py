@@ -14,12 +14,16 @@ EXTENT_POINTS = 2 + 2 * len(_SIDES)
 """How many there are of each track."""
 
 
-def extent_points(recording: Recording) -> Array:
-    """Extent points (k, c, 3) m of each user's own track: both ends, and the furthest in 8 horizontal directions."""
+def extent_points(recording: Recording, duration: float = np.inf) -> Array:
+    """Extent points (k, c, 3) m of each user's own track: both ends, and the furthest in 8 horizontal directions.
+
+    Of the last `duration` s of it.
+    """
     extent = np.zeros((len(recording.users), EXTENT_POINTS, 3))
     for u, user in enumerate(recording.users):
         if not user.static:
-            extent[u] = extent_points_of(recording.tracks[user.name].position)
+            track = recording.tracks[user.name]
+            extent[u] = extent_points_of(track.position[track.t >= track.t[-1] - duration])
     return extent
 
 

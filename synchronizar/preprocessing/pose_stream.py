@@ -14,9 +14,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from synchronizar._core import poses_at
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.jump import Jump
-from synchronizar.data.track import Poses, Track, interpolated
+from synchronizar.data.track import Poses, Track
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import (
     JumpSearch,
@@ -47,6 +48,7 @@ _SHORTEST, _LONGEST = 1e-12, 1e12  # square of a length that quaternions may hav
 _SAME_STAMP = 1e-9  # s
 _ROUNDING = 1e-14  # of the square of a unit quaternion's length
 _T, _RAW_POSITION, _RAW_ATTITUDE, _POSITION, _ATTITUDE = 0, slice(1, 4), slice(4, 8), slice(8, 11), slice(11, 15)
+_POSE = _T, _POSITION.start, _ATTITUDE.start
 _TRAVELLED, _SEGMENT, _REBUILT = 15, 16, 17
 _COLUMNS = 18
 _USUAL = 0.95  # quantile of prediction errors that is their noise level, as in the batch
@@ -326,12 +328,16 @@ class PoseStream:
         if not len(table) or not len(t):
             n = len(t)
             return Poses(np.zeros((n, 3)), np.tile(IDENTITY, (n, 1)), np.zeros(n, dtype=bool))
-        stamps = table[:, _T]
-        first = max(int(np.searchsorted(stamps, np.min(t), side="right")) - 2, 0)
-        last = int(np.searchsorted(stamps, np.max(t))) + 2
-        table = table[first:last]
-        longest = self._parameters.slam.longest_pose_gap
-        return interpolated(table[:, _T], table[:, _POSITION], table[:, _ATTITUDE], t, longest)
+        return Poses(*poses_at(table, _POSE, t, self._parameters.slam.longest_pose_gap))
+
+    def way(self, begin: float, end: float) -> tuple[float, bool]:
+        """How far SLAM came (m) from `begin` to `end` (s), and whether any step there was rebuilt."""
+        table = self._table_now()
+        first, last = np.searchsorted(table[:, _T], begin), np.searchsorted(table[:, _T], end, side="right")
+        if last <= first:
+            return 0.0, False
+        travelled = float(table[last - 1, _TRAVELLED] - table[first, _TRAVELLED])
+        return travelled, bool(table[first:last, _REBUILT].any())
 
     def current_axes(self) -> Axes:
         """Repaired track from SLAM's frame, for poses after the last one."""

@@ -90,25 +90,30 @@ def range_measurements(recording: Recording, parameters: Parameters) -> RangeMea
     usable &= (np.where(usable, distance, 0.0) >= parameters.ranges.shortest) & (
         np.where(usable, distance, 0.0) <= parameters.ranges.longest
     )
-    p_a, p_b = np.zeros((len(ranges), 3)), np.zeros((len(ranges), 3))
+    n = len(ranges)
+    end, t = np.concatenate([ranges.a, ranges.b]), np.concatenate([ranges.t, ranges.t])
+    antenna = np.concatenate([ranges.antenna_a, ranges.antenna_b])
+    p, known = np.zeros((2 * n, 3)), np.ones(2 * n, dtype=bool)
     for user in range(len(recording.users)):
-        for end, antenna, p in ((ranges.a, ranges.antenna_a, p_a), (ranges.b, ranges.antenna_b, p_b)):
-            mine = np.flatnonzero(end == user)
-            p[mine], known = recording.antenna_positions(
-                user, ranges.t[mine], antenna[mine], parameters.slam.longest_pose_gap
-            )
-            usable[mine[~known]] = False
+        mine = np.flatnonzero(end == user)
+        p[mine], known[mine] = recording.antenna_positions(
+            user, t[mine], antenna[mine], parameters.slam.longest_pose_gap
+        )
+    p_a, p_b = p[:n], p[n:]
+    usable &= known[:n] & known[n:]
 
     swap = ranges.a > ranges.b
     i, j = np.where(swap, ranges.b, ranges.a), np.where(swap, ranges.a, ranges.b)
     antenna_i = np.where(swap, ranges.antenna_b, ranges.antenna_a)
     antenna_j = np.where(swap, ranges.antenna_a, ranges.antenna_b)
     rows = np.flatnonzero(usable)
-    order = rows[np.lexsort([c[rows] for c in (distance, antenna_j, antenna_i, ranges.t, j, i)])]
-    same = np.ones(max(len(order) - 1, 0), dtype=bool)
-    for column in (distance, antenna_j, antenna_i, ranges.t, j, i):
-        same &= np.diff(column[order]) == 0
-    order = order[np.concatenate([[True], ~same])] if len(order) else order
+    order = rows[np.lexsort([c[rows] for c in (ranges.t, j, i)])]
+    if len(order) and _any_same(ranges.t[order], j[order], i[order]):
+        order = rows[np.lexsort([c[rows] for c in (distance, antenna_j, antenna_i, ranges.t, j, i)])]
+        same = np.ones(len(order) - 1, dtype=bool)
+        for column in (distance, antenna_j, antenna_i, ranges.t, j, i):
+            same &= np.diff(column[order]) == 0
+        order = order[np.concatenate([[True], ~same])]
 
     sigma = np.where(np.isnan(ranges.sigma), parameters.ranges.sigma, ranges.sigma)[order]
     share = nlos_share(ranges, parameters)[order]
@@ -126,6 +131,14 @@ def range_measurements(recording: Recording, parameters: Parameters) -> RangeMea
     )
 
 
+def _any_same(*columns: Array | Indices) -> bool:
+    """Whether two rows that follow each other are the same in all columns (n,)."""
+    same = columns[0][1:] == columns[0][:-1]
+    for column in columns[1:]:
+        same &= column[1:] == column[:-1]
+    return bool(same.any())
+
+
 def nlos_share(ranges: Ranges, parameters: Parameters) -> Array:
     """(n,) prior probability that each range is NLOS, before its residual is known.
 
@@ -133,8 +146,15 @@ def nlos_share(ranges: Ranges, parameters: Parameters) -> Array:
     below 6 dB line of sight, above 10 dB none; linear in between); else `nlos_share_clear` where the radio reports line
     of sight, and `nlos_share` where nothing is known.
     """
-    share = np.full(len(ranges), parameters.ranges.nlos_share)
-    power_difference = ranges.rx_power - ranges.fp_power
+    return nlos_share_of(ranges.rx_power, ranges.fp_power, ranges.nlos, parameters)
+
+
+def nlos_share_of(rx_power: Array, fp_power: Array, nlos: Array, parameters: Parameters) -> Array:
+    """The same, by the columns (n,) that it depends on; NaN where unknown."""
+    share = np.full(len(nlos), parameters.ranges.nlos_share)
+    if np.isnan(nlos).all() and np.isnan(rx_power).all():
+        return share
+    power_difference = rx_power - fp_power
     blocked = (power_difference - parameters.ranges.power_clear_db) / (
         parameters.ranges.power_blocked_db - parameters.ranges.power_clear_db
     )
@@ -142,5 +162,5 @@ def nlos_share(ranges: Ranges, parameters: Parameters) -> Array:
         parameters.ranges.nlos_share_blocked - parameters.ranges.nlos_share_clear
     )
     share = np.where(np.isnan(power_difference), share, by_power)
-    share = np.where(ranges.nlos == 1.0, parameters.ranges.nlos_share_blocked, share)
-    return np.where((ranges.nlos == 0.0) & np.isnan(power_difference), parameters.ranges.nlos_share_clear, share)
+    share = np.where(nlos == 1.0, parameters.ranges.nlos_share_blocked, share)
+    return np.where((nlos == 0.0) & np.isnan(power_difference), parameters.ranges.nlos_share_clear, share)

@@ -72,9 +72,30 @@ def measured_range_weights(
     nlos_share_of_all = float(late.mean()) if len(weight) else 0.0
     nlos_share = (r.pair_weight * nlos_share_of_all + np.diff(late_before[bounds])) / (r.pair_weight + count)
     of_all = float(squares.sum()) / max(float(weights.sum()), 1e-9)
-    of_pair = (r.pair_weight * of_all + squares) / (r.pair_weight + weights)
+    of_pair = _variance_of_pairs(of_all, squares, weights, parameters)
     nominal = (measurements.sigma / model_sigma) ** 2
     variance = np.maximum(np.repeat(of_pair, count), nominal)
     return np.asarray(
         independent / (variance * np.repeat(1.0 + r.nlos_confusion * nlos_share * (1.0 - nlos_share), count))
     )
+
+
+def measured_sizes(bounds: Indices, nominal: Array, whitened: Array, weight: Array, parameters: Parameters) -> Array:
+    """(n,) how large line-of-sight errors are, over the model's 1 sigma: at least `nominal` (n,), at most 1.
+
+    `bounds` are the first range of each pair, and the end; `whitened` (n,) residuals over the model's 1 sigma, `weight`
+    (n,) the loss's weights. The model's reflections may not be there; where they are, residuals show it. Measured for
+    each pair, shrunk towards all pairs, and these towards the model.
+    """
+    squares = np.add.reduceat((weight * whitened) ** 2, bounds[:-1])
+    weights = np.add.reduceat(weight**2, bounds[:-1])
+    prior = parameters.ranges.multipath_weight
+    of_all = (prior + float(squares.sum())) / (prior + float(weights.sum()))
+    of_pair = _variance_of_pairs(of_all, squares, weights, parameters)
+    return np.clip(np.sqrt(np.repeat(of_pair, np.diff(bounds))), nominal, 1.0)
+
+
+def _variance_of_pairs(of_all: float, squares: Array, weights: Array, parameters: Parameters) -> Array:
+    """(p,) variance of each pair's errors from sums of squares and weights, shrunk towards that of all pairs."""
+    worth = parameters.ranges.pair_weight
+    return np.asarray((worth * of_all + squares) / (worth + weights))

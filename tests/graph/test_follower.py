@@ -115,6 +115,12 @@ def follow(walk: Walk, count: int, window: int | None = None) -> tuple[Follower,
     return out, everything
 
 
+def settle(out: Follower) -> None:
+    """Linearise anew and solve until nothing is far from where it was linearised."""
+    for _ in range(50):
+        out.update()
+
+
 def variables(out: Follower) -> list[tuple[int, int]]:
     return [(u, slot) for slot, users in out.slots.items() for u in users]
 
@@ -150,10 +156,6 @@ def start(walk: Walk, at: list[tuple[int, int]]) -> gtsam.Values:
     return values
 
 
-def numbers(state: SlotState) -> Array:
-    return np.array([*state.pose, state.height, *state.calibration])
-
-
 def numbers_in(values: gtsam.Values, user: int, slot: int) -> Array:
     pose = values.atPose2(keys.slot_pose(user, slot))
     calibration = values.atVector(keys.slot_calibration(user, slot)) * CALIBRATION_UNITS
@@ -162,7 +164,7 @@ def numbers_in(values: gtsam.Values, user: int, slot: int) -> Array:
 
 def assert_estimates(out: Follower, expected: gtsam.Values, within: float) -> None:
     for user, slot in variables(out):
-        np.testing.assert_allclose(numbers(out.state(user, slot)), numbers_in(expected, user, slot), atol=within)
+        np.testing.assert_allclose(out.states([(user, slot)])[0], numbers_in(expected, user, slot), atol=within)
 
 
 # Against the batch
@@ -173,8 +175,7 @@ def assert_estimates(out: Follower, expected: gtsam.Values, within: float) -> No
 def test_estimates_and_joint_covariance_are_those_of_a_dense_batch(users: int) -> None:
     walk = Walk(users)
     out, parts = follow(walk, 6)
-    for _ in range(10):
-        out.settle()
+    settle(out)
     expected, covariance, listed = batch(parts, start(walk, variables(out)))
     assert_estimates(out, expected, 1e-6)
     at = [(u, slot) for slot in (5, 2) for u in range(users)]
@@ -193,7 +194,7 @@ def test_what_is_not_linearised_anew_is_near_the_batch_all_the_same() -> None:
     out, parts = follow(walk, 20)
     expected, _, _ = batch(parts, start(walk, variables(out)))
     for user, slot in variables(out):
-        off = np.abs(numbers(out.state(user, slot)) - numbers_in(expected, user, slot))
+        off = np.abs(out.states([(user, slot)])[0] - numbers_in(expected, user, slot))
         assert (off < [0.02, 0.02, 0.005, 0.03, 0.002, 0.005, 0.003]).all()
 
 
@@ -206,7 +207,7 @@ def test_a_factor_of_the_same_name_takes_the_place_of_the_one_before() -> None:
     assert ("ranges", 4) in out
     out.update()
     for _ in range(5):
-        out.settle()
+        settle(out)
     parts = [part for part in parts if part[0] != ("ranges", 4)] + [other]
     expected, _, _ = batch(parts, start(walk, variables(out)))
     assert_estimates(out, expected, 1e-6)
@@ -221,7 +222,7 @@ def test_a_factor_that_is_taken_out_tells_nothing_any_more() -> None:
     out.put(*next(part for part in parts if part[0] == ("ranges", 5)))
     out.update()
     for _ in range(5):
-        out.settle()
+        settle(out)
     expected, _, _ = batch([part for part in parts if part[0] != ("ranges", 3)], start(walk, variables(out)))
     assert_estimates(out, expected, 1e-6)
 
@@ -231,15 +232,15 @@ def test_a_factor_that_is_taken_out_tells_nothing_any_more() -> None:
 
 def test_marginalising_the_oldest_slots_leaves_the_later_ones_as_they_were() -> None:
     out, _ = follow(Walk(3), 8)
-    out.settle()
+    settle(out)
     assert out._stale() is None
     later = [at for at in variables(out) if at[1] >= 3]
-    before = [numbers(out.state(*at)) for at in later]
+    before = [out.states([at])[0] for at in later]
     covariance = out.covariance([(0, 7), (2, 4)])
     out.marginalize(3)
     assert list(out.slots) == [3, 4, 5, 6, 7]
     for at, expected in zip(later, before, strict=True):
-        np.testing.assert_allclose(numbers(out.state(*at)), expected, atol=1e-9)
+        np.testing.assert_allclose(out.states([at])[0], expected, atol=1e-9)
     np.testing.assert_allclose(out.covariance([(0, 7), (2, 4)]), covariance, rtol=1e-6, atol=1e-12)
 
 
@@ -248,13 +249,12 @@ def test_marginalising_the_oldest_slots_leaves_the_later_ones_as_they_were() -> 
 def test_building_the_tree_anew_changes_nothing(window: int | None) -> None:
     """Marginals too: they know where they were linearised."""
     out, _ = follow(Walk(3), 10, window)
-    for _ in range(10):
-        out.settle()
+    settle(out)
     at = variables(out)
-    before, covariance = [numbers(out.state(*each)) for each in at], out.covariance([(1, 9), (2, 8)])
+    before, covariance = [out.states([each])[0] for each in at], out.covariance([(1, 9), (2, 8)])
     out.rebuild()
     for each, expected in zip(at, before, strict=True):
-        np.testing.assert_allclose(numbers(out.state(*each)), expected, atol=1e-3 if window else 1e-7)
+        np.testing.assert_allclose(out.states([each])[0], expected, atol=1e-3 if window else 1e-7)
     size = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose((out.covariance([(1, 9), (2, 8)]) - covariance) / np.outer(size, size), 0.0, atol=1e-2)
 
@@ -267,7 +267,7 @@ def test_long_after_slots_were_marginalised_the_newest_are_near_the_batch_of_all
     for user in range(2):
         span = spans[keys.slot_pose(user, 39)]
         sigma = np.sqrt(np.diag(covariance[span, span]))
-        off = np.abs(numbers(out.state(user, 39)) - numbers_in(expected, user, 39))[:3]
+        off = np.abs(out.states([(user, 39)])[0] - numbers_in(expected, user, 39))[:3]
         assert (off < 0.5 * np.linalg.norm(sigma[:2]) + 1e-3).all()
 
 
@@ -286,8 +286,7 @@ def test_a_user_who_is_taken_out_leaves_what_the_others_know_without_it(gone: in
     out.drop_user(gone)
     out.rebuild()
     assert all(users == others for users in out.slots.values())
-    for _ in range(10):
-        out.settle()
+    settle(out)
     left = [part for part in parts if part[0][0] in ("step", "walk", "place", "height") and part[0][1] in others]  # type: ignore[index]
     of_all = [Joining(u, 0, float(walk.place(u, 0)[2]), 0.0, 0.3, OWN) for u in others]
     left += [*between, (("prior", 0), joining_prior(of_all, [], SHARED), 0)]
@@ -376,7 +375,7 @@ def test_what_is_taken_to_arrays_and_back_goes_on_the_same(window: int | None) -
     assert again.slots == out.slots
     for step in range(3):
         for at in variables(out):
-            np.testing.assert_allclose(numbers(again.state(*at)), numbers(out.state(*at)), atol=1e-7)
+            np.testing.assert_allclose(again.states([at])[0], out.states([at])[0], atol=1e-7)
         np.testing.assert_allclose(again.covariance([(1, 9)]), out.covariance([(1, 9)]), rtol=1e-6, atol=1e-12)
         slot = 10 + step
         for user in range(3):

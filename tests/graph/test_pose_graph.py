@@ -167,6 +167,7 @@ def test_the_graphs_error_is_the_sum_of_its_parts(annealing: float) -> None:
         random.uniform(0.1, 1.0, len(graph.measurements)),
         [random.uniform(0.3, 1.5, len(k.step_sigma)) for k in graph.keyframes],
         np.ones((4, 3)),
+        np.ones(3),
     )
     found = GtsamForm(graph).factors(states.anchor_poses, em_weights, annealing).error(GtsamForm(graph).values(states))
     whitened = graph.residuals(states) / graph.sigma / annealing
@@ -201,7 +202,15 @@ def test_the_judged_cost_is_that_of_bursts_of_students_steps_and_of_the_priors()
     squares = np.vstack([((states.calibration - kind) / own) ** 2, (kind / common) ** 2])
     tails = calibration_dof(MODEL) + 1.0
     np.testing.assert_allclose(em_weights.calibration_weight, tails / (tails + squares), rtol=1e-10)
-    expected += (0.5 * tails * np.log1p(squares / tails)).sum() + height_cost(graph, states)
+    expected += (0.5 * tails * np.log1p(squares / tails)).sum()
+    heights, tail = states.anchor_poses[:, 2], MODEL.priors.height_dof + 1.0
+    weight = np.ones(3)
+    for _ in range(5):  # the level is where Student's t has it
+        level = weight @ heights / weight.sum()
+        weight = tail / (tail + (heights - level) ** 2 / (MODEL.priors.height_sigma**2 / 2.0))
+    squares = (heights - level) ** 2 / (MODEL.priors.height_sigma**2 / 2.0)
+    np.testing.assert_allclose(em_weights.height_weight, tail / (tail + squares), rtol=1e-10)
+    expected += 0.5 * tail * np.log1p(squares / tail).sum()
     assert cost == pytest.approx(expected, rel=1e-10)
     np.testing.assert_array_equal(em_weights.range_weight, before.range_weight)
 

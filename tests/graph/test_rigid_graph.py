@@ -15,7 +15,6 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.graph import keys
 from synchronizar.graph.gtsam_form import GtsamForm
-from synchronizar.graph.marginals import marginals
 from synchronizar.graph.priors import bursts_of, height_sigma_of
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
@@ -67,7 +66,7 @@ def test_the_cost_is_the_sum_of_the_losses_and_of_the_heights_about_their_level(
 
 def covariances(graph: RigidGraph, frames: Array) -> Array:
     """(k, 4, 4) of x, y, z, yaw beside the reference."""
-    return marginals(graph, graph.initial_states(frames), graph.initial_em_weights()).relative
+    return graph.covariances(frames, graph.measurements.nlos_odds)
 
 
 def numerical_covariance(graph: RigidGraph, frames: Array) -> Array:
@@ -273,13 +272,49 @@ def test_who_has_come_to_a_known_optimum_is_followed_no_further() -> None:
     _, graph = rigid_graph(simulation.recording)
     start = graph.initial_states(noisy(true_frames(simulation, "phone0"), 6))
     begun = graph.run_em(start, graph.initial_em_weights(), 0)
-    found = graph.run_em(start, graph.initial_em_weights(), 10, known=lambda _: True)
     once = graph.run_em(start, graph.initial_em_weights(), 1)
+    found = graph.run_em(start, graph.initial_em_weights(), 10, known=[once.frames])
     np.testing.assert_array_equal(found.states.anchor_poses, once.states.anchor_poses)
     assert found.cost == begun.cost  # that of the known optimum is not looked at again
     found = graph.run_em(start, graph.initial_em_weights(), 10, hopeless=once.cost - 1.0)
     np.testing.assert_array_equal(found.states.anchor_poses, once.states.anchor_poses)
     assert found.cost == once.cost
+
+
+def test_an_image_that_leads_to_a_known_optimum_is_none() -> None:
+    _, graph = rigid_graph(late_walk(6).recording)
+    start = graph.initial_states(noisy(true_frames(late_walk(6), "phone0"), 6))
+    found = graph.run_em(start, graph.initial_em_weights(), 10)
+    assert graph.image(start, found.em_weights, [found.frames]) is None
+    there = graph.image(start, found.em_weights, [])
+    assert there is not None
+    odds = found.em_weights.nlos_odds
+    assert graph.cost(there.anchor_poses, odds) == pytest.approx(graph.cost(found.frames, odds), abs=0.02)
+
+
+def test_a_cost_is_summed_no_further_than_is_asked() -> None:
+    simulation = late_walk(6)
+    _, graph = rigid_graph(simulation.recording)
+    frames = noisy(true_frames(simulation, "phone0"), 6)
+    whole = graph.cost(frames)
+    assert graph.cost(frames, most=whole + 1.0) == whole
+    assert 0.1 * whole < graph.cost(frames, most=0.1 * whole) <= whole
+
+
+def test_the_odds_are_those_of_each_pair_s_chain() -> None:
+    simulation = late_walk(6)
+    measurements, graph = rigid_graph(simulation.recording)
+    frames = noisy(true_frames(simulation, "phone0"), 6)
+    weights, cost = graph.e_step(graph.initial_states(frames), graph.initial_em_weights())
+    e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
+    expected = height_prior(frames, np.sqrt(2.0) * graph.height_sigma)
+    for pair in pairs(measurements):
+        s = measurements[pair.measurements]
+        whitened = np.ascontiguousarray(e[pair.measurements])
+        odds, chain = burst_nlos_odds(s.t, whitened, s.sigma, s.nlos_odds, graph.loss, bursts_of(MODEL))
+        np.testing.assert_allclose(weights.nlos_odds[pair.measurements], odds, rtol=1e-5)
+        expected += chain
+    assert cost == pytest.approx(expected)
 
 
 def test_the_reference_alone_makes_an_empty_graph() -> None:

@@ -133,20 +133,6 @@ def test_isam2_takes_it() -> None:
     assert graph.error(isam.calculateEstimate()) < graph.error(values)
 
 
-def test_calibrations_may_be_in_units_of_their_own() -> None:
-    users, units = users_of(), np.array([0.02, 0.05, 0.01])
-    values, scaled = values_of(users), values_of(users)
-    for user in users:
-        scaled.update(user.calibration, values.atVector(user.calibration) / units)
-    plain, other = (
-        RangeSlotFactor(users, slot_of(), LATE),
-        RangeSlotFactor(users, slot_of(), LATE, calibration_units=units),
-    )
-    assert other.error(scaled) == pytest.approx(plain.error(values), rel=1e-12)
-    A, b = other.linearize(scaled).jacobian()
-    np.testing.assert_allclose(-A.T @ b, numerical_gradient(other, scaled), atol=1e-6 * np.abs(A.T @ b).max())
-
-
 def test_a_graph_that_goes_takes_its_factors_along() -> None:
     gc.collect()
     gc.disable()

@@ -10,7 +10,7 @@ from support.numerical import derivative
 from synchronizar._core import NlosMixture, RangeSlot
 from synchronizar.arrays import Array
 from synchronizar.graph import keys
-from synchronizar.graph.range_factors import RangeSlotFactor
+from synchronizar.graph.range_factors import CalibratedUserKeys, RangeSlotFactor
 from synchronizar.graph.slot_factors import (
     CALIBRATION_UNITS,
     Joining,
@@ -171,8 +171,27 @@ def slot_of(which: slice = slice(None), seed: int = 0) -> RangeSlot:
     return RangeSlot(USERS, i[which], j[which], a, b, distance[which], sigma[which], odds[which], weight[which])
 
 
-def of_three(block: RangeSlot, curvature: Array | None = None) -> RangeSlotFactor:
+def of_three(block: RangeSlot, curvature: Array | None = None) -> gtsam.CustomFactor:
     return ranges_factor(SLOT, [5, 1, 8], block, LATE, curvature)
+
+
+def test_the_ranges_of_a_slot_are_those_of_the_general_factor_in_units_of_their_own() -> None:
+    values, users = somewhere([5, 1, 8], [SLOT], 3), [5, 1, 8]
+    plain = gtsam.Values(values)
+    of_each = [
+        CalibratedUserKeys(
+            keys.slot_pose(u, SLOT), keys.slot_height(u, SLOT), None, None, keys.slot_calibration(u, SLOT)
+        )
+        for u in users
+    ]
+    for user in of_each:
+        plain.update(user.calibration, values.atVector(user.calibration) * CALIBRATION_UNITS)
+    own, general = of_three(slot_of()), RangeSlotFactor(of_each, slot_of(), LATE)
+    assert own.error(values) == pytest.approx(general.error(plain), rel=1e-12)
+    units = np.append(np.tile(np.concatenate([np.ones(4), CALIBRATION_UNITS]), 3), 1.0)
+    expected = general.linearize(plain).augmentedInformation() * np.outer(units, units)
+    got = own.linearize(values).augmentedInformation()
+    np.testing.assert_allclose(got, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("seed", range(4))

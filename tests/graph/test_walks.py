@@ -72,6 +72,7 @@ def states_of(graph: PoseGraph, seed: int = 0, far: float = 0.3) -> tuple[States
         first.range_weight * random.uniform(0.5, 2.0, len(first.nlos_odds)),
         weights,
         random.uniform(0.5, 1.0, (k + 1, 3)),
+        random.uniform(0.5, 1.0, k),
     )
 
 
@@ -124,6 +125,7 @@ def test_the_cost_is_that_of_gtsams_factors(kind: str, reference: int, annealing
     values = form.values(states)
     # The shared calibration and the mean height are the most likely ones.
     values.update(keys.SHARED_CALIBRATION, graph.shared_calibration(states, em_weights.calibration_weight))
+    values.update(keys.MEAN_HEIGHT, graph.mean_height(states.anchor_poses, em_weights.height_weight))
     expected = form.factors(states.anchor_poses, em_weights, annealing).error(values)
     noise = graph.walk_noise(states.anchor_poses, em_weights)
     found = walks.solver.cost(walks.places(states), states.calibration[walks.users], noise, graph.loss, annealing)

@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 from support.paths import SHARED
 from support.relocalised import about, glitched, real, relocalised, walk, with_recordings, without
 
+from synchronizar._core import poses_at
 from synchronizar.arrays import Array
 from synchronizar.data.jump import Jump
-from synchronizar.data.track import Track
+from synchronizar.data.track import Track, interpolated
 from synchronizar.io.tum import read_tum
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import Dismissed, Levelled, PoseStream, SetAside, Tail
 from synchronizar.preprocessing.relocalizations import repair_relocalizations
 from synchronizar.preprocessing.suspect_poses import frozen_poses, stray_poses
-from synchronizar.quaternions import angles_between, yaw_quaternion
+from synchronizar.quaternions import angles_between, normalized_quaternions, yaw_quaternion
 from synchronizar.simulation.simulate import Scene, simulate
 
 MODEL = Parameters()
@@ -484,3 +485,19 @@ def test_stamps_rise_and_ways_grow() -> None:
     assert np.diff(tail.travelled).min() >= 0.0
     way: Array = np.linalg.norm(np.diff(tail.position, axis=0), axis=1)
     np.testing.assert_allclose(np.diff(tail.travelled), way, atol=1e-9)
+
+
+def test_poses_at_times_are_interpolated_as_those_of_a_track() -> None:
+    random = np.random.default_rng(7)
+    stamps = np.cumsum(random.uniform(0.02, 0.3, 50))
+    stamps[30:] += 3.0  # a gap
+    quat = normalized_quaternions(random.normal(size=(50, 4)))
+    table = np.column_stack([random.normal(size=50), stamps, random.normal(size=(50, 3)), quat])
+    t = np.concatenate([random.uniform(stamps[0] - 0.5, stamps[-1] + 0.5, 200), stamps])
+    expected = interpolated(stamps, table[:, 2:5], quat, t, 0.5)
+    position, attitude, valid = poses_at(table, (1, 2, 5), t, 0.5)
+    np.testing.assert_array_equal(valid, expected.valid)
+    np.testing.assert_allclose(position, expected.position, atol=1e-14)
+    np.testing.assert_allclose(attitude, expected.quat_xyzw, atol=1e-14)
+    with pytest.raises(ValueError, match="no such column"):
+        poses_at(table, (1, 2, 6), t, 0.5)

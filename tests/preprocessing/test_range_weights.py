@@ -8,7 +8,12 @@ from hypothesis import strategies as st
 from synchronizar.arrays import Array, Indices
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
-from synchronizar.preprocessing.range_weights import measured_range_weights, neighbour_counts, prior_range_weights
+from synchronizar.preprocessing.range_weights import (
+    measured_range_weights,
+    measured_sizes,
+    neighbour_counts,
+    prior_range_weights,
+)
 
 MODEL = Parameters().changed(
     ranges={
@@ -229,3 +234,38 @@ def test_pairs_are_late_by_their_own_ranges_as_far_as_they_have_any() -> None:
     assert counts[3000] > 0.9
     # One range of its own, all others' share: a quarter is late.
     assert counts[4000] == pytest.approx(1.0 / 1.75, rel=0.1)
+
+
+def sizes_of(errors: list[Array], model: float = 0.2, nominal: float = 0.1) -> list[float]:
+    """How large the errors (m) of each pair are measured to be, over the model's 1 sigma; all within 2 sigma count."""
+    bounds = np.concatenate([[0], np.cumsum([len(e) for e in errors])]).astype(np.int32)
+    whitened = np.concatenate(errors) / model
+    weight = (np.abs(whitened) < 2.0).astype(float)
+    sizes = measured_sizes(bounds, np.full(len(whitened), nominal / model), whitened, weight, Parameters())
+    return sizes[bounds[:-1]].tolist()
+
+
+def test_errors_that_are_smaller_than_the_models_are_measured() -> None:
+    errors = np.random.default_rng(0).normal(0.0, 0.14, 5000)
+    assert sizes_of([errors]) == pytest.approx([0.7], abs=0.02)
+
+
+def test_sizes_lie_between_what_the_recording_says_and_the_model() -> None:
+    random = np.random.default_rng(1)
+    assert sizes_of([random.normal(0.0, 0.02, 500)]) == [0.5]
+    assert sizes_of([random.uniform(0.3, 0.39, 500)]) == [1.0]
+
+
+def test_sizes_of_few_errors_are_the_models() -> None:
+    assert sizes_of([np.full(1, 0.1)])[0] > 0.9
+
+
+def test_a_pair_without_errors_of_its_own_has_the_size_of_all() -> None:
+    random = np.random.default_rng(2)
+    many, one = sizes_of([random.normal(0.0, 0.14, 5000), np.full(1, 0.14)])
+    assert one == pytest.approx(many, abs=0.01)
+
+
+def test_what_the_loss_gives_no_weight_has_no_size() -> None:
+    errors = np.random.default_rng(3).normal(0.0, 0.14, 5000)
+    assert sizes_of([np.append(errors, np.full(2000, -3.0))]) == pytest.approx(sizes_of([errors]))

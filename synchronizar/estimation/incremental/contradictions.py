@@ -7,23 +7,13 @@ by more than noise. So many too short ones, or next to nothing but misfits, have
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from synchronizar.arrays import Array, Indices
+from synchronizar.estimation.incremental.innovations import Innovations
+from synchronizar.estimation.incremental.shifts import shifted
 from synchronizar.parameters import Parameters
-
-
-class Innovations(NamedTuple):
-    """n ranges before they were used."""
-
-    t: Array
-    """s."""
-    i: Indices
-    j: Indices
-    whitened: Array
-    """Predicted minus measured over what is expected, 1 sigma: positive where the range is too short."""
 
 
 class Contradictions:
@@ -31,8 +21,9 @@ class Contradictions:
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
-        none = np.zeros(0)
-        self._recent = Innovations(none, none.astype(np.int32), none.astype(np.int32), none)
+        self._recent = Innovations.none()
+        self.suspected: frozenset[int] = frozenset()
+        """Who may be somewhere else, though that is not sure."""
 
     def add(self, new: Innovations, now: float) -> None:
         """More of them."""
@@ -44,23 +35,28 @@ class Contradictions:
     def forget(self, user: int) -> None:
         """Those of a user."""
         kept = (self._recent.i != user) & (self._recent.j != user)
-        self._recent = Innovations(*(column[kept] for column in self._recent))
+        self._recent = self._recent.part(kept)
+        self.suspected -= {user}
 
     @property
     def recent(self) -> Innovations:
         """Those that are remembered."""
         return self._recent
 
-    def restore(self, recent: Innovations) -> None:
+    def restore(self, recent: Innovations, suspected: frozenset[int]) -> None:
         """Remember just these."""
-        self._recent = recent
+        self._recent, self.suspected = recent, suspected
 
-    def found(self, now: float, gauge: int) -> tuple[list[int], str] | None:
+    def found(self, now: float, gauge: int, trusted: frozenset[int]) -> tuple[list[int], str] | None:
         """The users whose latest ranges contradict them, and why; None: there are none.
 
-        A user's ranges ring the alarm. Who is wrong then is told by who still fits whom: those who fit the gauge, by a
+        Of those who are `trusted` more is needed. One shift of some against the others tells the soonest. Besides, a
+        user's ranges ring the alarm. Who is wrong then is told by who still fits whom: those who fit the gauge, by a
         chain of pairs that fit, are right, unless that is nobody but the gauge while others fit one another.
         """
+        moved = self._moved(now, gauge, trusted)
+        if moved is not None:
+            return moved
         rung = None
         for window in self._parameters.integrity.innovation_windows:
             rung = self._alarm(window, now)
@@ -78,6 +74,34 @@ class Contradictions:
         if not wrong:  # all fit by some chain: it is the one that rang
             wrong = [user if user != gauge else self._worst_beside(gauge, window, now)]
         return wrong, reason
+
+    def _moved(self, now: float, gauge: int, trusted: frozenset[int]) -> tuple[list[int], str] | None:
+        """The users whose latest ranges one shift explains so much better that they are there; who may be is noted."""
+        m = self._parameters.integrity
+        present = np.unique(np.concatenate([self._recent.i, self._recent.j])).tolist()
+        likely: dict[frozenset[int], tuple[float, float]] = {}
+        for window, grows in ((m.shift_steady, False), *((window, True) for window in m.shift_growing)):
+            for found in shifted(self._recent, now, window, grows, self._parameters):
+                length = float(np.linalg.norm(found.shift))
+                wrong = self._wrong(found.users, present, gauge)
+                gain = found.gain - m.shift_cost * len(wrong & trusted)
+                if length > m.shift_least and gain > likely.get(wrong, (0.0, 0.0))[0]:
+                    likely[wrong] = gain, length
+        best = max((gain for gain, _ in likely.values()), default=0.0)
+        # Who is suspected stays so until much less speaks against it.
+        enough = m.shift_gain_suspected * (0.5 if self.suspected else 1.0)
+        rivals = {wrong for wrong, (gain, _) in likely.items() if gain > best - m.shift_gain_apart}
+        self.suspected = frozenset().union(*rivals) if best > enough else frozenset()
+        if best < m.shift_gain or (len(rivals) > 1 and best < 2.0 * m.shift_gain):
+            return None
+        wrong = max(rivals, key=lambda each: likely[each][0])
+        return sorted(wrong), f"its latest ranges say that it is {likely[wrong][1]:.1f} m from there"
+
+    def _wrong(self, moved: frozenset[int], present: list[int], gauge: int) -> frozenset[int]:
+        """Who is wrong where some moved against the others: who is not with the gauge, unless the gauge is alone."""
+        others = frozenset(present) - moved
+        own, rest = (moved, others) if gauge in moved else (others, moved)
+        return own if len(own) == 1 and len(rest) > 1 else rest
 
     def _alarm(self, window: float, now: float) -> tuple[int, str, float] | None:
         """The user that fits worst over a stretch of time, where that is more than chance."""

@@ -10,6 +10,7 @@ second (contradictions.py), and so does a jump of its SLAM until it is mended.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,11 @@ _RECENT_WALK = 1.0  # s: in which somebody's way shows
 _WATCHED_AT = 0.9  # of the progress: while a user is watched
 _FOLLOWED_AT = 0.25  # of the progress: who is known worse is not followed, for nothing is linear so far off
 _FIRST_SEARCH = 1.0  # s after the first range
+# s after a slot's begin: what is done once a slot is not all done at once.
+_JUDGED_AFTER, _FORGOTTEN_AFTER, _CUED_AFTER = 0.15, 0.25, 0.35
+_MORE_FORGOTTEN = 2  # slots at once, beside those that went by
+_LEAST_PROGRESS = 0.01  # less is not told from none
+_PARTED, _PARTED_SIGMAS = 0.25, 3.0  # of the largest error, of a search's: who is further off in height is elsewhere
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
 
 
@@ -82,7 +88,8 @@ class Engine:
         self._spread: dict[int, float] = {}
         self._events: list[str] = []
         self._judged = -1
-        self._cued = -1
+        self._forgotten = -1
+        self._cued = [-1 for _ in users]
         self._nlos_share = 0.0
         self._checked = -np.inf
 
@@ -144,6 +151,7 @@ class Engine:
         self.users = (*self.users, user)
         self.streams.append(None if user.static else PoseStream(self.parameters))
         self.standings.append(Standing())
+        self._cued.append(-1)
         self.tracking.add_user(user)
         self._searcher.abandon()
         self._candidates = ()
@@ -166,10 +174,7 @@ class Engine:
             self._begin_search()
             self._take_found()
         self._judge_members()
-        slot = self.tracking.slot_of(self.now) if np.isfinite(self.tracking.origin) else self._cued
-        if slot != self._cued:
-            self._cued = slot
-            self._tell_cues()
+        self._tell_cues()
         events, self._events = self._events, []
         return events
 
@@ -211,8 +216,9 @@ class Engine:
             return
         if len(rows):
             i, j = self.log.users(rows)
-            members = list(tracking.members)
-            tracking.add(self.log.to_follow(rows[np.isin(i, members) & np.isin(j, members)]))
+            followed = np.zeros(len(self.users), dtype=bool)
+            followed[list(tracking.members)] = True
+            tracking.add(self.log.to_follow(rows[followed[i] & followed[j]]))
         doubted = {u for u, stream in enumerate(self.streams) if stream is not None and stream.suspect is not None}
         try:
             tracking.advance(self.now, doubted)
@@ -242,6 +248,7 @@ class Engine:
         self.tracking = Tracking(self.users, self.streams, self.parameters)
         self.tracking.origin, self.tracking.noise = before.origin, before.noise
         self.tracking.assumed_clock = before.assumed_clock
+        self._contradictions.suspected = frozenset()
         self._members = None
 
     def _unfollow(self, user: int) -> None:
@@ -260,14 +267,16 @@ class Engine:
 
     @property
     def gauge(self) -> int:
-        """The user beside whom the others are judged: the reference while it is followed.
+        """The user beside whom the others are judged: the reference while it is followed and not contradicted.
 
-        Else who has the newest slot, one that moves before one that stands.
+        Else who has the newest slot, one that moves before one that stands. The reference itself is looked for beside
+        the others until it is registered again.
         """
-        tracking = self.tracking
-        if not tracking.members or self.reference in tracking.members:
+        members = self.tracking.members
+        others = [u for u in members if u != self.reference]
+        if not others or (self.reference in members and not self.standings[self.reference].contradicted):
             return self.reference
-        return max(tracking.members, key=lambda u: (tracking.members[u].slot, not self.users[u].static, -u))
+        return max(others, key=lambda u: (members[u].slot, not self.users[u].static, -u))
 
     # Searching
 
@@ -285,10 +294,28 @@ class Engine:
         first = min(s for u in sought if (s := self.standings[u].since) is not None)
         if self.now < first + _FIRST_SEARCH:
             return False
-        interval = max(m.search_interval, m.search_growth * (self.now - first))
+        growth = m.search_growth * (self.now - first)
         if all(self.standings[u].is_registered for u in sought):
-            interval = max(interval, _PROVING_INTERVAL)
-        return self.now >= self.searched + interval
+            return self.now >= self.searched + max(_PROVING_INTERVAL, growth)
+        times = [self._registered_from(u) for u in sought]
+        near = max(t for t in times if t <= min(times) + m.search_interval_near)
+        if self.now < near <= self.now + m.search_interval_near:
+            return False  # one that is begun in a moment finds more
+        soon = max(near, self.searched + max(m.search_interval_near, growth))
+        return self.now >= min(soon, self.searched + max(m.search_interval, growth))
+
+    def _registered_from(self, user: int) -> float:
+        """s: from when on a search may find a user registered, by what is known of it; infinite if it already is."""
+        standing, m = self.standings[user], self.parameters.integrity
+        if standing.is_registered or standing.since is None or standing.verdict is None:
+            return np.inf
+        least = standing.since + m.least_duration
+        if standing.verdict.state is State.REGISTERED:
+            watched = -np.inf if standing.steady_since is None else standing.steady_since + m.watched_duration
+            return max(least, watched)
+        # While a user begins to walk, its sigmas fall with about the square of time.
+        taken = (self.searched - standing.since) * (max(standing.progress, _LEAST_PROGRESS) ** -0.5 - 1.0)
+        return max(least, self.searched + 0.5 * taken)
 
     def _window_begin(self) -> float:
         """s: the earliest moment that following and searches still need."""
@@ -320,8 +347,10 @@ class Engine:
 
     def _snapshot(self, begin: float, gauge: int, sought: list[int], checking: bool) -> Snapshot:
         tracks, segments, poses, first = {}, {}, {}, np.full(len(self.users), -np.inf)
+        # A recording is sorted by name, and users are in the order in which they came.
+        users = tuple(replace(user, name=f"{u:08d}") for u, user in enumerate(self.users))
         slots = list(range(self.tracking.slot_of(begin), self.tracking.slot_of(self.now) + 1))
-        for u, (user, stream) in enumerate(zip(self.users, self.streams, strict=True)):
+        for u, (user, stream) in enumerate(zip(users, self.streams, strict=True)):
             if stream is None:
                 poses[u] = SlotPoses(slots, np.zeros(len(slots) + 1), np.zeros((len(slots) + 1, 3)))
                 continue
@@ -356,7 +385,7 @@ class Engine:
         rows = rows[rows[:, 0] > np.maximum(begin, np.maximum(first[a], first[b]))]
         return Snapshot(
             self.now,
-            Recording(self.users, tracks, self.log.ranges(rows)),
+            Recording(users, tracks, self.log.ranges(rows)),
             rows[:, -1].astype(np.int32),
             segments,
             gauge,
@@ -387,8 +416,6 @@ class Engine:
         if common is None:
             return
         self._candidates = found.candidates
-        if self.tracking.members:
-            self.tracking.take_odds(found.ranges.serial, found.ranges.nlos_odds)
         self.tracking.noise = found.noise.copy()
         self._found = found
         self.alternatives = []
@@ -409,6 +436,25 @@ class Engine:
         # Who is not registered yet is followed too, for the others are beside it; but somebody must be, to begin with.
         if joining and (self.tracking.members or any(self.standings[u].is_registered for u in joining)):
             self._join(joining, found, common)
+        self._take_heights(found, common)
+
+    def _take_heights(self, found: Found, common: Array) -> None:
+        """How far the heights that a search holds possible lie from where its users are followed.
+
+        What a height is known to at one optimum grows with every slot, rightly or not; a search sees the others. Whose
+        place is proven is told by all that was seen of it: a window may know less.
+        """
+        spread = self.tracking.height_spread
+        for u, own in found.users.items():
+            followed = self.standings[u].placed
+            if u == found.gauge or u not in self.tracking.members or followed is None:
+                continue
+            off = float(self._at(self._placed(u, own, found, common), followed.place)[2] - followed.state[3])
+            known = float(followed.covariance[2, 2] - spread[u])
+            new = max(own.height_spread, float(own.covariance[2, 2]) - known) + off**2
+            spread[u] = min(spread[u], new) if self.standings[u].proven else new
+        if self._members is not None:
+            self._read_members()
 
     def _common_from_graph(self, found: Found) -> Array | None:
         """(4,) x, y, z, yaw: the common frame from that of a search; None where its gauge is followed no more."""
@@ -444,10 +490,12 @@ class Engine:
         state, reason = own.verdict.state, own.verdict.reason
         follows = user in self.tracking.members
         standing.progress = own.progress
-        elsewhere = (
-            follows
-            and self._elsewhere(user, placed)
-            and self._gain_elsewhere(user, found) > self.parameters.integrity.cost_excluded
+        elsewhere = follows and (
+            (
+                self._elsewhere(user, placed)
+                and self._gain_elsewhere(user, found) > self.parameters.integrity.cost_excluded
+            )
+            or self._at_other_height(user, own, placed)
         )
         if state is State.REGISTERED and elsewhere:
             self._unfollow(user)
@@ -456,6 +504,8 @@ class Engine:
         doubted = found.t - standing.doubted_at < m.doubted_duration
         if state is State.REGISTERED and doubted and own.rejected > m.doubted_share:
             state, reason = State.UNOBSERVABLE, f"{own.rejected:.0%} of its latest ranges do not fit"
+            if own.rejected > m.doubted_share + self._nlos_share:  # more than NLOS among the others: it lasts
+                standing.doubted_at = found.t
         if state is State.REGISTERED and not (standing.is_registered or self._is_steady(standing, own, before, placed)):
             standing.progress *= _WATCHED_AT
             state, reason = State.UNOBSERVABLE, "its place is known, if it stays there: it is watched on"
@@ -502,6 +552,15 @@ class Engine:
         apart = float(np.linalg.norm(there - here))
         return apart > 0.5 * m.largest_error or turn > 0.5 * m.largest_yaw_error
 
+    def _at_other_height(self, user: int, own: FoundUser, placed: Placed) -> bool:
+        """Whether a search leaves no doubt that a user is higher or lower than it is followed to be."""
+        followed = self.standings[user].placed
+        if followed is None or own.verdict.state is not State.REGISTERED:
+            return False
+        off = abs(float(self._at(placed, followed.place)[2] - followed.state[3]))
+        least = _PARTED * self.parameters.integrity.largest_error
+        return off > max(least, _PARTED_SIGMAS * float(np.sqrt(own.covariance[2, 2])))
+
     def _at(self, placed: Placed, place: Array) -> Array:
         """(3,) m: where a place (3,) in a user's repaired SLAM frame is in the common one."""
         x, y, yaw, height, log_scale = placed.state[:5].tolist()
@@ -512,10 +571,9 @@ class Engine:
         """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are NLOS."""
         m = self.parameters.integrity
         assert standing.since is not None
-        if self.now - standing.since < m.least_duration:
-            return False
+        long_enough = self.now - standing.since >= m.least_duration
         if own.rejected <= m.watched_share:
-            return True
+            return long_enough
         if standing.steady_since is None or before is None:
             standing.steady_since = self.now
         else:
@@ -523,7 +581,7 @@ class Engine:
             turn = abs(wrap_angle(float(placed.state[2] - before.state[2])))
             if apart > 0.5 * m.largest_error or turn > 0.5 * m.largest_yaw_error:
                 standing.steady_since = self.now
-        return self.now - standing.steady_since >= m.watched_duration
+        return long_enough and self.now - standing.steady_since >= m.watched_duration
 
     def _check_member(self, user: int, found: Found, common: Array) -> None:
         """A user who is followed was looked for anew: whether it may be somewhere else."""
@@ -552,7 +610,7 @@ class Engine:
         clock = 0.0 if self.users[user].static else float(own.calibration[2])
         rest = np.tile([own.calibration[0], own.calibration[1], 0.0], (len(at), 1))
         states = np.column_stack([at[:, :2], yaw, at[:, 2], rest])
-        return JoiningUser(poses.slots, poses.stamps[:-1], poses.places[:-1], states, clock)
+        return JoiningUser(poses.slots, poses.stamps[:-1], poses.places[:-1], states, clock, own.height_weight)
 
     def _join(self, joining: dict[int, JoiningUser], found: Found, common: Array) -> None:
         """Follow more users."""
@@ -601,20 +659,20 @@ class Engine:
         if members is None:
             return
         gauge = self.gauge
-        contradicted = self._contradictions.found(self.now, gauge)
+        contradicted = self._contradictions.found(self.now, gauge, self._trusted())
         if contradicted is not None:
             users, reason = contradicted
             for user in users:
                 self._contradict(user, reason)
             return
-        slot = tracking.slot_of(self.now)
-        if slot == self._judged:
+        slot = tracking.slot_of(self.now - _FORGOTTEN_AFTER)
+        if slot != self._forgotten:
+            most, self._forgotten = abs(slot - self._forgotten) + _MORE_FORGOTTEN, slot
+            self._forget(most)
+        slot, members = tracking.slot_of(self.now - _JUDGED_AFTER), self._members
+        if slot == self._judged or members is None:
             return
         self._judged = slot
-        self._forget()
-        members = self._members
-        if members is None:
-            return
         gauge = self.gauge
         recent = tracking.rejected(self.now - self.parameters.incremental.recent)
         self._nlos_share = float(recent[list(tracking.members)].mean())
@@ -623,8 +681,7 @@ class Engine:
             if user == gauge or user not in members.order:
                 continue
             tracked = tracking.members[user]
-            since = tracked.stamp - (self.now - self._window_begin())
-            extent = members.extent(user, since)
+            extent = members.extent(user, tracked.stamp - self.parameters.incremental.judged_walk)
             verdict, near, _ = members.verdict(user, gauge, extent, float(recent[user]), standing.is_registered)
             relative = members.relative(user, gauge)
             self._spread[user] = float(np.sqrt(max(np.linalg.eigvalsh(relative[:2, :2])[-1], 0.0)))
@@ -637,11 +694,26 @@ class Engine:
             if changed:
                 self._tell(user)
 
+    def _trusted(self) -> frozenset[int]:
+        """Who is registered, and was not contradicted lately: of these more is needed to say that they moved."""
+        since = self.now - self.parameters.integrity.doubted_duration
+        told = {self.reference, *(u for u, standing in enumerate(self.standings) if standing.is_registered)}
+        return frozenset(u for u in told if self.standings[u].doubted_at < since)
+
     def _tell_cues(self) -> None:
-        """Once a slot: which way those should walk whose places are not known well enough."""
+        """Once a slot, one after the other: which way those should walk whose places are not known well enough."""
+        if not np.isfinite(self.tracking.origin):
+            return
+        turn = (1.0 - _CUED_AFTER) * self.parameters.slam.keyframe_interval / len(self.users)
+        slots = [self.tracking.slot_of(self.now - _CUED_AFTER - turn * u) for u in range(len(self.users))]
+        due = [u for u, slot in enumerate(slots) if slot != self._cued[u]]
+        self._cued = slots
+        if not due:
+            return
         rows = self.log.rows
         i, j = self.log.users(rows[rows[:, 0] > self.now - self.parameters.incremental.recent])
-        for user, standing in enumerate(self.standings):
+        for user in due:
+            standing = self.standings[user]
             before, standing.cue = standing.cue, None
             stream, placed = self.streams[user], standing.placed
             if stream is None or placed is None or self.state(user) is not State.UNOBSERVABLE or user == self.gauge:
@@ -658,7 +730,7 @@ class Engine:
             frames, covariances = np.zeros((len(self.users), 4)), np.zeros((len(self.users), 4, 4))
             frames[user] = [*placed.state[:2], placed.state[3], placed.state[2]]
             covariances[user] = placed.covariance[:4, :4]
-            since = stream.newest - (self.now - self._window_begin())
+            since = stream.newest - self.parameters.incremental.judged_walk
             walk = np.exp(placed.state[4]) * (extent_points_of(stream.tail(since).position) - placed.place)
             best = Hypothesis(0.0, frames, covariances, [GaussianComponent(1.0, frames, covariances)])
             names, others = [name for name, _ in places], np.array([at for _, at in places])
@@ -681,13 +753,19 @@ class Engine:
         self.standings[user].begin_again(self.now, State.UNOBSERVABLE, reason)
         self._tell(user)
 
-    def _forget(self) -> None:
-        """What nothing needs any more."""
+    def _forget(self, most: int) -> None:
+        """What nothing needs any more; so many slots at most, for a window that becomes short does so by and by."""
         begin = self._window_begin()
         tracking = self.tracking
-        if tracking.members and (gone := tracking.forget(tracking.slot_of(begin))):
+        if tracking.members:
+            before = min(tracking.slot_of(begin), next(iter(tracking.follower.slots)) + most)
+            gone = tracking.forget(before)
+            begin = min(begin, tracking.begin_of(before))
             for user in gone:
                 self._lose(user)
+        else:
+            gone = []
+        if gone:
             self._members = None
             if len(tracking.members) > 1:
                 self._members = Members(tracking, self.reference, self.shift)
@@ -724,7 +802,13 @@ class Engine:
             return State.UNOBSERVABLE
         if standing.is_registered and stream is not None and stream.suspect is not None:
             return State.UNOBSERVABLE
+        if standing.is_registered and self._is_suspected(user):
+            return State.UNOBSERVABLE
         return standing.state
+
+    def _is_suspected(self, user: int) -> bool:
+        """Whether its latest ranges make it doubtful where a user is; where the reference is, nobody is sure."""
+        return not self._contradictions.suspected.isdisjoint((user, self.reference))
 
     def reason(self, user: int) -> str:
         """Why the state is what it is."""
@@ -735,6 +819,8 @@ class Engine:
             return "the reference's own track is contradicted"
         if standing.is_registered and stream is not None and stream.suspect is not None:
             return f"its SLAM may have {'stopped' if stream.suspect.kind == 'frozen' else 'jumped'}"
+        if standing.is_registered and self._is_suspected(user):
+            return "its latest ranges may say that it is somewhere else"
         return standing.reason
 
     def jumps(self, user: int) -> tuple[Jump, ...]:
@@ -764,16 +850,20 @@ class Engine:
         """Of ranges by running index (n,): usable, probability of line of sight, weight (1/m^2), residual (m)."""
         n = len(serial)
         usable, inlier, weight, residual = np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n), np.full(n, np.nan)
-        order = np.argsort(serial).astype(np.int32)
+        if not n:
+            return usable, inlier, weight, residual
+        first = int(serial.min())
+        place = np.full(int(serial.max()) - first + 1, -1)
+        place[serial - first] = np.arange(n)
         if self._found is not None:
             of = self._found.ranges
-            at, there = _rows_of(of.serial, serial, order)
+            at, there = _places_of(of.serial, place, first)
             usable[at], inlier[at], weight[at] = True, of.inlier_probability[there], of.weight[there]
             residual[at] = of.residual[there]
         rows = self.tracking.ranges.rows
         if len(rows):
             followed, off, bring = self.tracking.range_verdicts()
-            at, there = _rows_of(rows[:, SERIAL].astype(np.int32), serial, order)
+            at, there = _places_of(rows[:, SERIAL].astype(np.int32), place, first)
             usable[at], inlier[at], weight[at], residual[at] = True, followed[there], bring[there], off[there]
         return usable, inlier, weight, residual
 
@@ -796,6 +886,7 @@ class Engine:
             "ranges": (self.log.rows.copy(), self.log.taken),
             "guards": [(guard.last, guard.count, list(guard.held)) for guard in (self._clock, self._guard)],
             "innovations": self._contradictions.recent,
+            "suspected": sorted(self._contradictions.suspected),
             "tracking": self.tracking.state(),
         }
 
@@ -808,7 +899,7 @@ class Engine:
         self.log.restore(*state["ranges"])
         self._clock.last, self._clock.count, self._clock.held = state["guards"][0]
         self._guard.last, self._guard.count, self._guard.held = state["guards"][1]
-        self._contradictions.restore(state["innovations"])
+        self._contradictions.restore(state["innovations"], frozenset(state["suspected"]))
         self.tracking.restore(state["tracking"])
         if self.tracking.members:
             self._members = Members(self.tracking, self.reference, self.shift)
@@ -816,7 +907,7 @@ class Engine:
 
 _KEPT = (
     *("standings", "now", "shift", "searched", "alternatives", "_candidates", "_found"),
-    *("_told", "_spread", "_events", "_judged", "_checked", "_begun", "_cued", "_nlos_share"),
+    *("_told", "_spread", "_events", "_judged", "_forgotten", "_checked", "_begun", "_cued", "_nlos_share"),
 )
 
 
@@ -835,9 +926,8 @@ def _track_from(stream: PoseStream, stamp: float, tail: Tail) -> tuple[Track, In
     return Track(t, position, normalized_quaternions(quat)), segment
 
 
-def _rows_of(known: Indices, serial: Indices, order: Indices) -> tuple[Indices, Indices]:
-    """Where those of `serial` stand that are known, and which of the known ones they are."""
-    at = np.searchsorted(serial, known, sorter=order)
-    there = np.flatnonzero(at < len(serial))
-    there = there[serial[order[at[there]]] == known[there]]
-    return order[at[there]], there
+def _places_of(known: Indices, place: Indices, first: int) -> tuple[Indices, Indices]:
+    """The places of those of `known` that have one, and which these are; `place` of running index `first` is at 0."""
+    there = np.flatnonzero((known >= first) & (known < first + len(place)))
+    at = place[known[there] - first].astype(np.int32)
+    return at[at >= 0], there[at >= 0].astype(np.int32)

@@ -20,6 +20,7 @@ from synchronizar.preprocessing.extent import EXTENT_POINTS, extent_points_of
 
 _POSE = 5  # x, y, z, yaw, log scale
 _TANGENT = 7  # of X, H and D
+_ROWS = (0, 1, 3, 2, 4, 5, 6)  # x, y, height, yaw, log scale, bias, clock among them
 
 
 @dataclass(frozen=True)
@@ -48,15 +49,15 @@ class Members:
         self.order = sorted(tracking.members)
         self._row = {u: n for n, u in enumerate(self.order)}
         at = [(u, tracking.members[u].slot) for u in self.order]
-        tangents = tracking.follower.covariance(at)
         size = len(self.order)
-        turn = np.zeros((size, _TANGENT, _TANGENT))
-        turn[:] = np.eye(_TANGENT)[[0, 1, 3, 2, 4, 5, 6]]  # x, y, height, yaw, log scale, bias, clock
-        for n, u in enumerate(self.order):
-            c, s = np.cos(tracking.members[u].state[2]), np.sin(tracking.members[u].state[2])
-            turn[n, :2, :2] = [[c, -s], [s, c]]
-        blocks = tangents.reshape(size, _TANGENT, size, _TANGENT)
-        self._joint = np.einsum("uab,ubvc,vdc->uavd", turn, blocks, turn, optimize=True)
+        yaw = np.array([tracking.members[u].state[2] for u in self.order])
+        turn = np.eye(_TANGENT * size)[[_TANGENT * n + row for n in range(size) for row in _ROWS]]
+        x = _TANGENT * np.arange(size)
+        turn[x, x] = turn[x + 1, x + 1] = np.cos(yaw)
+        turn[x + 1, x] = np.sin(yaw)
+        turn[x, x + 1] = -turn[x + 1, x]
+        joint = turn @ tracking.follower.covariance(at) @ turn.T
+        self._joint = joint.reshape(size, _TANGENT, size, _TANGENT)
 
     def frame(self, user: int) -> Array:
         """(4,) x, y, z, yaw of a member at the begin of its newest slot, in the graph's frame."""
@@ -73,6 +74,7 @@ class Members:
         own = self._joint[n, :, n]
         covariance = np.zeros((6, 6))
         covariance[:_POSE, :_POSE] = own[:_POSE, :_POSE]
+        covariance[2, 2] += self.tracking.height_spread[user]
         if self.reference in self._row:
             r = self._row[self.reference]
             covariance[5, 5] = self._joint[r, 4, r, 4]
@@ -90,7 +92,10 @@ class Members:
         against[0, 3], against[1, 3] = -offset[1], offset[0]
         own, other = self._joint[n, :4, n, :4], self._joint[g, :4, g, :4]
         cross = self._joint[n, :4, g, :4] @ against.T
-        return np.asarray(own + against @ other @ against.T - cross - cross.T)
+        out = own + against @ other @ against.T - cross - cross.T
+        # The graph has one height of each; the others that searches see are told beside it.
+        out[2, 2] += self.tracking.height_spread[user] + self.tracking.height_spread[gauge]
+        return np.asarray(out)
 
     def extent(self, user: int, since: float) -> Array:
         """(c, 3) m: extent points of a member's walk since its own stamp, about where its newest slot begins."""

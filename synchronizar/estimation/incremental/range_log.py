@@ -11,11 +11,11 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.data.ranges import Ranges
 from synchronizar.estimation.incremental.tracking import NewRanges
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import nlos_share
+from synchronizar.preprocessing.range_measurements import nlos_share_of
 
 COLUMNS = ("t", "a", "b", "distance", "sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos", "serial")
 _WHOLE = ("a", "b", "antenna_a", "antenna_b")
-_T, _A, _B, _DISTANCE, _SERIAL = 0, 1, 2, 3, 10
+_T, _A, _B, _DISTANCE, _SIGMA, _ANTENNA_A, _ANTENNA_B, _RX_POWER, _FP_POWER, _NLOS, _SERIAL = range(len(COLUMNS))
 _FIRST_ROWS = 256
 
 
@@ -66,10 +66,10 @@ class RangeLog:
     def forget(self, before: float) -> None:
         """Ranges that are older than `before` (s)."""
         kept = self.rows[:, _T] >= before
+        self._latest.difference_update(map(tuple, self.rows[~kept, :4].tolist()))
         left = self.rows[kept].copy()
         self._table[: len(left)] = left
         self._count, self._taken = len(left), int(kept[: self._taken].sum())
-        self._latest = {tuple(row) for row in left[:, :4].tolist()}
 
     def take(self) -> Array:
         """(n, columns): those added since the last call."""
@@ -87,19 +87,21 @@ class RangeLog:
 
     def to_follow(self, rows: Array) -> NewRanges:
         """Rows (n, columns) as tracking takes them: the first user is the one with the smaller index."""
-        ranges = self.ranges(rows)
-        share = nlos_share(ranges, self._parameters)
-        swap = ranges.a > ranges.b
+        share = nlos_share_of(rows[:, _RX_POWER], rows[:, _FP_POWER], rows[:, _NLOS], self._parameters)
+        whole = rows[:, [_A, _B, _ANTENNA_A, _ANTENNA_B, _SERIAL]].astype(np.int32)
+        swap = whole[:, 0] > whole[:, 1]
+        whole[swap, :4] = whole[swap][:, [1, 0, 3, 2]]
+        sigma = rows[:, _SIGMA]
         return NewRanges(
-            ranges.t.copy(),
-            np.where(swap, ranges.b, ranges.a).astype(np.int32),
-            np.where(swap, ranges.a, ranges.b).astype(np.int32),
-            ranges.distance.copy(),
-            np.where(np.isnan(ranges.sigma), self._parameters.ranges.sigma, ranges.sigma),
+            rows[:, _T].copy(),
+            whole[:, 0],
+            whole[:, 1],
+            rows[:, _DISTANCE].copy(),
+            np.where(np.isnan(sigma), self._parameters.ranges.sigma, sigma),
             share / (1.0 - share),
-            np.where(swap, ranges.antenna_b, ranges.antenna_a).astype(np.int32),
-            np.where(swap, ranges.antenna_a, ranges.antenna_b).astype(np.int32),
-            rows[:, _SERIAL].astype(np.int32),
+            whole[:, 2],
+            whole[:, 3],
+            whole[:, 4],
         )
 
     @staticmethod

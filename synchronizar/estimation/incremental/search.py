@@ -38,7 +38,7 @@ def search(snapshot: Snapshot) -> Found | None:
     repaired = {name: _repaired(snapshot, name) for name in snapshot.recording.tracks}
     minima, noise, _ = solve(problem, repaired, begun=_starts(snapshot, problem.active_users))
     minima = [optimum for optimum in minima if _agrees(optimum, snapshot)] or minima
-    assessed = assess_calibrated(minima, snapshot.registered)
+    assessed = assess_calibrated(minima, snapshot.registered, snapshot.parameters.incremental.judged_walk)
     users = {u: _found(snapshot, assessed, u) for u in problem.active_users}
     best = minima[0]
     measurements = best.graph.measurements
@@ -54,7 +54,6 @@ def search(snapshot: Snapshot) -> Found | None:
         FoundRanges(
             snapshot.serial[measurements.row],
             assessed.inlier_probability,
-            best.em_weights.nlos_odds,
             assessed.weight,
             -best.graph.residuals(best.states),
         ),
@@ -130,12 +129,24 @@ def _found(snapshot: Snapshot, assessed: Assessment, user: int) -> FoundUser:
         float(np.nan_to_num(assessed.progress[user])),
         _is_single(assessed.hypotheses[0], assessed.extent, user, graph.parameters),
         _rejected(snapshot, assessed, user),
+        _height_spread(assessed.hypotheses[0], user),
+        float(assessed.optimum.em_weights.height_weight[user]),
     )
 
 
 def _is_single(best: Hypothesis, extent: Array, user: int, parameters: Parameters) -> bool:
-    where = np.array([places(m.frames, extent)[user, :, :2] for m in best.components_of(user)])
+    components, least = best.components_of(user), parameters.integrity.wrong_share
+    total = sum(m.weight for m in components)
+    likely = [components[0], *(m for m in components[1:] if m.weight > least * total)]
+    where = np.array([places(m.frames, extent)[user, :, :2] for m in likely])
     return bool(np.linalg.norm(where - where[0], axis=2).max() < _PARTING * parameters.integrity.largest_error)
+
+
+def _height_spread(best: Hypothesis, user: int) -> float:
+    components = best.components_of(user)
+    heights, weight = np.array([m.frames[user, 2] for m in components]), np.array([m.weight for m in components])
+    mean = float(weight @ heights / weight.sum())
+    return float(weight @ (heights - mean) ** 2 / weight.sum())
 
 
 def _rejected(snapshot: Snapshot, assessed: Assessment, user: int) -> float:

@@ -76,6 +76,10 @@ class FoundUser(NamedTuple):
     """Whether one optimum alone is left: of two that are still near only searches see whether they part."""
     rejected: float
     """Share of its latest ranges that do not fit."""
+    height_spread: float
+    """m^2: variance of its height from one optimum to the next, within what the best hypothesis holds."""
+    height_weight: float
+    """Of the prior of its height, at the best optimum."""
 
 
 class FoundRanges(NamedTuple):
@@ -83,8 +87,6 @@ class FoundRanges(NamedTuple):
 
     serial: Indices
     inlier_probability: Array
-    nlos_odds: Array
-    """Odds of NLOS given the other ranges."""
     weight: Array
     """1/m^2."""
     residual: Array

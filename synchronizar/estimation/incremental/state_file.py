@@ -16,9 +16,10 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
-from synchronizar.estimation.incremental.contradictions import Innovations
 from synchronizar.estimation.incremental.cues import Cue
 from synchronizar.estimation.incremental.engine import Engine
+from synchronizar.estimation.incremental.innovations import Innovations
+from synchronizar.estimation.incremental.slot_states import SlotTable
 from synchronizar.estimation.incremental.snapshot import Candidate, Found, FoundRanges, FoundUser, SlotPoses
 from synchronizar.estimation.incremental.standing import Placed, Standing
 from synchronizar.estimation.incremental.tracking import NewRanges, Tracked
@@ -27,13 +28,13 @@ from synchronizar.graph.follower import FollowerState, LinearRows
 from synchronizar.graph.slot_factors import Joining, SlamStep
 from synchronizar.parameters import Parameters
 
-_FORMAT = 4
+_FORMAT = 5
 _HEADER = "header"
 _RECORDS: dict[str, type] = {
     record.__name__: record
     for record in (
         *(Candidate, Cue, FollowerState, Found, FoundRanges, FoundUser, Innovations, Joining, LinearRows, NewRanges),
-        *(Placed, SlamStep, SlotPoses, Standing, Tracked, User, Verdict),
+        *(Placed, SlamStep, SlotPoses, SlotTable, Standing, Tracked, User, Verdict),
     )
 }
 _MALFORMED = (

@@ -16,7 +16,6 @@ from synchronizar.data.registration import (
     UserRegistration,
 )
 from synchronizar.data.user import User
-from synchronizar.estimation.answer import OwnFrames
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.standing import Placed
 from synchronizar.geometry import YawFrame
@@ -86,8 +85,7 @@ def _about_origin(engine: Engine, u: int, placed: Placed) -> tuple[Array, Array,
     frame = engine.own_frame(u, placed)
     x, y, _, height = placed.state[:4].tolist()
     arm = np.array([x, y, height]) - frame[:3]
-    own = OwnFrames(np.ones(1), np.zeros(1), np.zeros((1, 3)), np.zeros(4), np.zeros(3))
-    by_last = own.derivatives(np.zeros((1, 4)))[0]
+    by_last = np.eye(4, 6)
     by_last[0, 3], by_last[1, 3] = arm[1], -arm[0]
     by_last[:3, 4] = -arm
     covariance = by_last @ placed.covariance @ by_last.T
@@ -146,7 +144,7 @@ def newest_ranges(engine: Engine) -> tuple[NewestRange, ...]:
 
 def range_verdicts(engine: Engine) -> RangeVerdicts:
     """What became of each range of the recent past, by time."""
-    serial = engine.log.rows[:, -1].astype(np.int32)
-    order = np.lexsort((serial, engine.log.rows[:, 0]))
-    usable, inlier, weight, residual = engine.range_verdicts(serial[order])
+    rows = engine.log.rows
+    serial = rows[np.lexsort((rows[:, -1], rows[:, 0])), -1].astype(np.int32)
+    usable, inlier, weight, residual = engine.range_verdicts(serial)
     return RangeVerdicts(usable, usable & (inlier > 0.5), weight, residual)

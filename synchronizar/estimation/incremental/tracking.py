@@ -10,11 +10,9 @@ import numpy as np
 from synchronizar._core import burst_nlos_odds_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.user import User
-from synchronizar.estimation.incremental.contradictions import Innovations
+from synchronizar.estimation.incremental.innovations import Innovations
 from synchronizar.estimation.incremental.slot_ranges import (
     DISTANCE,
-    END_I,
-    END_J,
     LINK,
     NLOS_ODDS,
     ODDS,
@@ -28,11 +26,10 @@ from synchronizar.estimation.incremental.slot_ranges import (
     T,
     block_of,
 )
-from synchronizar.geometry import apply_frames
+from synchronizar.estimation.incremental.slot_states import SlotStates
 from synchronizar.graph.follower import Follower, SlotState
 from synchronizar.graph.pose_graph import calibration_sigmas
 from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
-from synchronizar.graph.range_factors import RangeSlotFactor
 from synchronizar.graph.slot_factors import (
     Joining,
     SlamStep,
@@ -47,18 +44,21 @@ from synchronizar.graph.slot_factors import (
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import PoseStream
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
-from synchronizar.preprocessing.range_weights import measured_range_weights
+from synchronizar.preprocessing.range_weights import measured_range_weights, measured_sizes
 from synchronizar.quaternions import rotate_by_quaternions
 
 _REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
 _BURST_SLOTS = 2  # ... and at each update: what came just before tells most of whether a line of sight is blocked
+_SUREST = 27.0  # log odds that a range is NLOS, at most
 _CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
+_STEPS = 5  # Gauss-Newton steps of a graph that is built anew, one an update
 _MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
 _SOMEWHERE = 10.0  # m, 1 sigma of the prior of who joins; a search has it to within a metre
 _FEWEST_RANGES = 20  # of a user, for a share of them
+_MOST_EXACT = 4.0  # times the weight that its sigma gives a range
 _MOST_ANTENNAS = 1024  # of a user, in the number of a link
 
 
@@ -86,6 +86,8 @@ class JoiningUser(NamedTuple):
     """(m, 7) as in `Tracked`; the clock counts from `clock`."""
     clock: float
     """s: its clock offset."""
+    height_weight: float = 1.0
+    """Of the prior of its height."""
 
 
 class NewRanges(NamedTuple):
@@ -117,15 +119,20 @@ class Tracking:
         self.ranges = SlotRanges()
         self.assumed_clock = np.zeros(len(users))
         self.noise = np.ones((len(users), 2))
+        self.height_weight = np.ones(len(users))
+        """(k,): of the prior of each user's height, by the search that it joined with."""
+        self.height_spread = np.zeros(len(users))
+        """(k,) m^2: mean square of how far each user's other possible heights lie from where it is followed."""
         self.members: dict[int, Tracked] = {}
         self.origin = np.nan
         """s, range clock: when slot 0 begins."""
         self._loss = nlos_mixture(parameters)
         self._waiting: NewRanges | None = None
-        self._stamps: dict[tuple[int, int], tuple[float, Array]] = {}
-        self._states: dict[tuple[int, int], Array] = {}
+        self.slots = SlotStates(len(users))
         self._weight: dict[tuple[int, int], float] = {}
+        self._size: dict[tuple[int, int], float] = {}
         self._judged_at = -1
+        self._unsettled = 0
         self._untaken: list[Array] = []
         # What factors are made of, for them to be made again.
         self._steps: dict[tuple[int, int], tuple[int, SlamStep]] = {}
@@ -170,7 +177,7 @@ class Tracking:
 
     def _insert(self, user: int, slot: int, stamp: float, place: Array, state: Array) -> None:
         self.members[user] = Tracked(slot, stamp, place, state)
-        self._stamps[user, slot], self._states[user, slot] = (stamp, place), state
+        self.slots.add(user, slot, stamp, place, state)
         self.follower.insert(user, slot, SlotState((state[0], state[1], state[2]), float(state[3]), state[4:]))
 
     def _tie(self, user: int, a: Tracked, b: Tracked) -> None:
@@ -191,10 +198,7 @@ class Tracking:
         duration = (b.slot - a.slot) * slam.keyframe_interval
         if stream is None:
             return SlamStep((0.0, 0.0, 0.0), (_STATIC, _STATIC, _STATIC), duration)
-        way = stream.tail(a.stamp)
-        inside = way.t <= b.stamp
-        travelled = float(np.ptp(way.travelled[inside])) if inside.any() else 0.0
-        rebuilt = bool(way.rebuilt[inside].any())
+        travelled, rebuilt = stream.way(a.stamp, b.stamp)
         metres, radians = self.noise[user].tolist()
         metres *= np.sqrt(slam.drift_m_per_sqrt_s**2 * duration + slam.drift_m_per_sqrt_m**2 * travelled)
         radians *= np.sqrt(slam.drift_rad_per_sqrt_s**2 * duration + slam.drift_rad_per_sqrt_m**2 * travelled)
@@ -215,8 +219,9 @@ class Tracking:
     def advance(self, now: float, doubted: Container[int], settle: bool = False) -> None:
         """It is `now` (s, range clock): open slots, take in the ranges whose poses have come, solve.
 
-        Nothing is taken in of users that are `doubted`. With `settle` the graph is built anew, and linearised until it
-        stands: somebody joined. Raises RuntimeError where the graph cannot be solved.
+        Nothing is taken in of users that are `doubted`. With `settle` the graph is built anew, for somebody joined; it
+        is linearised anew at each of the next updates then, until it stands. Raises RuntimeError where the graph cannot
+        be solved.
         """
         latest = self.slot_of(now)
         for user, tracked in list(self.members.items()):
@@ -227,15 +232,15 @@ class Tracking:
             for slot in range(max(tracked.slot + 1, latest - _MOST_OPENED), min(latest, seen) + 1):
                 self._open(user, slot)
         taken = self._take(now, doubted)
-        thorough = settle or latest > self._judged_at
+        turns = latest > self._judged_at
         if settle:  # a search has all near their best already, so that they can be judged before they are solved for
             self.judge(-1, weigh=True)
             for slot in taken:
                 self._put(slot)
             taken = []
             self.follower.rebuild()
-            self._refresh()
-        elif latest > self._judged_at:
+            self._unsettled = _STEPS
+        elif turns:
             self._judged_at = latest
             self._refresh()
             self.judge(latest - _JUDGED, weigh=True)
@@ -243,15 +248,22 @@ class Tracking:
             self.judge(latest - _BURST_SLOTS, weigh=False)
         for slot in taken:
             self._put(slot)
-        self.follower.update(None if thorough else _BURST_SLOTS + 1)
-        for user, tracked in self.members.items():
-            state = self._read(user, tracked.slot)
-            self._states[user, tracked.slot] = state
-            self.members[user] = tracked._replace(state=state)
+        if self._unsettled:
+            self._unsettled -= 1
+            if not settle:
+                self.follower.update()
+            self._refresh()
+        else:
+            self.follower.update(None if turns else _BURST_SLOTS + 1)
+            self._read([(user, tracked.slot) for user, tracked in self.members.items()])
 
-    def _read(self, user: int, slot: int) -> Array:
-        found = self.follower.state(user, slot)
-        return np.array([*found.pose, found.height, *found.calibration])
+    def _read(self, at: list[tuple[int, int]]) -> None:
+        """The estimates of users at slots."""
+        states = self.follower.states(at)
+        self.slots.change(at, states)
+        for (user, slot), state in zip(at, states, strict=True):
+            if slot == self.members[user].slot:
+                self.members[user] = self.members[user]._replace(state=state)
 
     def _take(self, now: float, doubted: Container[int]) -> list[int]:
         """Read the ranges whose poses have come; the slots that they are in."""
@@ -259,17 +271,15 @@ class Tracking:
         if waiting is None:
             return []
         slot = np.floor((waiting.t - self.origin) / self.parameters.slam.keyframe_interval).astype(np.int32)
-        first, last = int(slot.min()), int(slot.max())
-        present = np.zeros((last - first + 1, len(self.users)), dtype=bool)
-        for user, n in self._stamps:
-            if first <= n <= last:
-                present[n - first, user] = user not in doubted
-        there = present[slot - first, waiting.i] & present[slot - first, waiting.j]
-        ends = []
-        for who, antenna in ((waiting.i, waiting.antenna_i), (waiting.j, waiting.antenna_j)):
-            offset, lever, velocity, known = self._ends(waiting.t, who, antenna, slot, there)
-            there = there & known
-            ends.append((offset, lever, velocity))
+        sound = np.array([user not in doubted for user in range(len(self.users))])
+        there = sound[waiting.i] & sound[waiting.j]
+        there &= self.slots.have(waiting.i, slot) & self.slots.have(waiting.j, slot)
+        n = len(slot)
+        who, antenna = (
+            np.concatenate(both) for both in ((waiting.i, waiting.j), (waiting.antenna_i, waiting.antenna_j))
+        )
+        *ends, known = self._ends(np.tile(waiting.t, 2), who, antenna, np.tile(slot, 2), np.tile(there, 2))
+        there &= known[:n] & known[n:]
         late = waiting.t < now - _LATE
         left = ~there & ~late
         self._waiting = waiting.part(left) if left.any() else None
@@ -292,9 +302,13 @@ class Tracking:
                 ready.serial,
             ]
         )
-        self.ranges.add(known_rows, *((o[there], a[there], v[there]) for o, a, v in ends))
+        (o_i, a_i, v_i), (o_j, a_j, v_j) = ([each[at][there] for each in ends] for at in (slice(n), slice(n, None)))
+        self.ranges.add(known_rows, (o_i, a_i, v_i), (o_j, a_j, v_j))
         added = self.ranges.rows[-len(known_rows) :]
-        self._untaken.append(np.column_stack([added[:, [T, USER_I, USER_J, SIGMA]], self.residuals(added)]))
+        away, bias, _ = self.slots.apart(added)
+        columns = added[:, [T, USER_I, USER_J, SIGMA, ODDS, WEIGHT, DISTANCE]]
+        columns[:, -1] -= bias
+        self._untaken.append(np.column_stack([columns, away]))
         return sorted(set(slot[there].tolist()))
 
     def _weight_of(self, i: int, j: int) -> float:
@@ -304,7 +318,7 @@ class Tracking:
     def _ends(
         self, t: Array, who: Indices, antenna: Indices, slot: Indices, wanted: Mask
     ) -> tuple[Array, Array, Array, Mask]:
-        """Offset, lever and velocity (n, 3) of an end of each range, and whether its poses are known."""
+        """Offset, lever and velocity (n, 3) of ends of ranges, and whether their poses are known."""
         n = len(t)
         offset, lever, velocity = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
         known = wanted.copy()
@@ -325,8 +339,7 @@ class Tracking:
             end = np.where(there[2 * m :, None], antennas[2 * m :], antennas[:m])
             dt = np.where(there[2 * m :], stamps[2 * m :], at) - np.where(there[m : 2 * m], stamps[m : 2 * m], at)
             velocity[mine] = (end - begin) / np.maximum(dt, 1e-3)[:, None]
-            places = np.array([self._stamps[u, s][1] for s in slot[mine].tolist()])
-            offset[mine] = position[:m] - places
+            offset[mine] = position[:m] - self.slots.places(u, slot[mine])
             lever[mine] = antennas[:m] - position[:m]
         return offset, lever, velocity, known
 
@@ -342,7 +355,7 @@ class Tracking:
         self._given[slot] = rows[:, [NLOS_ODDS, WEIGHT]]
         self.follower.put(name, self._ranging(slot, rows), slot)
 
-    def _ranging(self, slot: int, rows: Array) -> RangeSlotFactor:
+    def _ranging(self, slot: int, rows: Array) -> SlotFactor:
         """The factor of ranges (n, columns) of a slot."""
         users, block = block_of(rows)
         return ranges_factor(slot, users, block, self._loss, np.zeros(len(block.pairs)))
@@ -352,11 +365,16 @@ class Tracking:
 
         `spread` is 1 sigma (m) of each user's place, which adds to what is expected.
         """
-        rows = np.concatenate([np.zeros((0, 5)), *self._untaken])
+        rows = np.concatenate([np.zeros((0, 10)), *self._untaken])
         self._untaken = []
-        i, j = rows[:, 1].astype(np.int32), rows[:, 2].astype(np.int32)
+        t, sigma, nlos_odds, weight, distance = (rows[:, n].copy() for n in (0, 3, 4, 5, 6))
+        i, j, away = rows[:, 1].astype(np.int32), rows[:, 2].astype(np.int32), rows[:, 7:].copy()
         of_users = np.array([spread.get(u, 0.0) for u in range(len(self.users))]) ** 2
-        return Innovations(rows[:, 0], i, j, rows[:, 4] / np.sqrt(rows[:, 3] ** 2 + of_users[i] + of_users[j]))
+        places = of_users[i] + of_users[j]
+        whitened = (np.linalg.norm(away, axis=1) - distance) / np.sqrt(sigma**2 + places)
+        # A pair whose ranges are worth more than their sigma says is that much more exact.
+        exact = np.sqrt(sigma**2 / np.clip(weight, 1.0, _MOST_EXACT) + places)
+        return Innovations(t, i, j, whitened, away, distance, exact, nlos_odds, np.minimum(weight, 1.0))
 
     def rejected(self, since: float) -> Array:
         """(k,) share of each user's ranges since then (s) that are more likely NLOS, or outliers, than inliers."""
@@ -401,38 +419,30 @@ class Tracking:
 
     def has(self, user: int, slot: int) -> bool:
         """Whether a user has a slot in the window."""
-        return (user, slot) in self._stamps
+        return self.slots.has(user, slot)
 
     def state_at(self, user: int, slot: int) -> Array:
         """(7,) as in `Tracked`, as of the last time that the slot was looked at."""
-        return self._states[user, slot]
+        return self.slots.state(user, slot)
 
     def add_user(self, user: User) -> None:
         """One more user, who is not followed yet."""
         self.users = (*self.users, user)
+        self.slots.add_user()
         self.assumed_clock, self.noise = np.append(self.assumed_clock, 0.0), np.vstack([self.noise, [1.0, 1.0]])
+        self.height_spread = np.append(self.height_spread, 0.0)
+        self.height_weight = np.append(self.height_weight, 1.0)
 
     def residuals(self, rows: Array) -> Array:
         """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
-        slots = rows[:, SLOT].astype(np.int64)
-        first = int(slots.min()) if len(slots) else 0
-        states_at = np.zeros((int(slots.max(initial=first)) - first + 1, len(self.users), 7))
-        for (user, slot), state in self._states.items():
-            if 0 <= slot - first < len(states_at):
-                states_at[slot - first, user] = state
-        ends, bias = [], np.zeros(len(rows))
-        for user, columns in ((USER_I, END_I), (USER_J, END_J)):
-            states = states_at[slots - first, rows[:, user].astype(np.int64)]
-            offset, lever, velocity = (rows[:, columns + 3 * n : columns + 3 * n + 3] for n in range(3))
-            arm = np.exp(states[:, 4:5]) * offset + lever + states[:, 6:7] * velocity
-            ends.append(apply_frames(states[:, [0, 1, 3, 2]], arm))
-            bias += states[:, 5]
-        return np.asarray(np.linalg.norm(ends[0] - ends[1], axis=1) + bias - rows[:, DISTANCE])
+        return self.slots.residuals(rows)
 
     def judge(self, first: int, weigh: bool) -> None:
-        """NLOS odds of the ranges from slot `first` on, anew, and their weights where `weigh` says so.
+        """NLOS odds of the ranges from slot `first` on, anew; where `weigh` says so, weights and sizes of errors too.
 
-        Slots in which these changed are put anew.
+        Slots in which odds or weights changed are put anew. A burst shows by how large line-of-sight errors are, which
+        the model has as large as reflections make them. They are measured on those that pass by the model's own sigma:
+        on those that pass by their own measure they would shrink without end.
         """
         rows = self.ranges.rows
         which = np.flatnonzero(rows[:, SLOT] >= first)
@@ -444,7 +454,18 @@ class Tracking:
         whitened = self.residuals(part) / sigma
         change = np.flatnonzero(np.diff(part[:, USER_I]) + len(self.users) * np.diff(part[:, USER_J]) != 0.0) + 1
         bounds = np.concatenate([[0], change, [len(part)]]).astype(np.int32)
-        odds, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts_of(self.parameters))
+        bursts = bursts_of(self.parameters)
+        pair = [(i, j) for i, j in part[bounds[:-1]][:, [USER_I, USER_J]].astype(int).tolist()]
+        size = np.repeat([self._size.get(of, 1.0) for of in pair], np.diff(bounds))
+        if weigh:
+            model, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts)
+            _, robust, _ = mixture_terms(whitened, sigma, model, self._loss)
+            size = measured_sizes(bounds, self._nominal(sigma) / sigma, whitened, robust, self.parameters)
+            self._size.update(zip(pair, size[bounds[:-1]].tolist(), strict=True))
+        odds, _ = burst_nlos_odds_of_pairs(bounds, t, whitened / size, sigma * size, prior, self._loss, bursts)
+        # The loss has the model's sigma: at these residuals it is to say what the chain says.
+        narrower = 0.5 * np.minimum(whitened, 0.0) ** 2 * (size**-2 - 1.0)
+        odds = np.minimum(odds * size * np.exp(np.minimum(narrower, _SUREST)), np.exp(_SUREST))
         weight = self._measured_weights(part, whitened, odds) if weigh else part[:, WEIGHT]
         inlier, inlier_before = (mixture_terms(whitened, sigma, of, self._loss)[2] for of in (odds, before))
         changed = np.abs(inlier - inlier_before) > _CHANGED
@@ -455,35 +476,19 @@ class Tracking:
         for slot in slots:
             self._put(slot)
 
-    def take_odds(self, serial: Indices, nlos_odds: Array) -> None:
-        """NLOS odds of ranges by running index (n,), as a search has them: from outside, where all is solved anew.
-
-        A graph that follows trusts its own judgement; slots in which the search judges otherwise are put anew.
-        """
-        rows = self.ranges.rows
-        _, here, there = np.intersect1d(rows[:, SERIAL].astype(np.int64), serial, return_indices=True)
-        sigma, whitened = rows[here, SIGMA], self.residuals(rows[here]) / rows[here, SIGMA]
-        odds = nlos_odds[there]
-        before = rows[here, NLOS_ODDS].copy()
-        inlier, inlier_before = (mixture_terms(whitened, sigma, of, self._loss)[2] for of in (odds, before))
-        slots = np.unique(rows[here[np.abs(inlier - inlier_before) > _CHANGED], SLOT]).astype(int).tolist()
-        taken = np.isin(rows[here, SLOT], slots)
-        rows[here[taken], NLOS_ODDS] = odds[taken]
-        for slot in slots:
-            self._put(slot)
-
     def _refresh(self) -> None:
         """All estimates of the window."""
-        for slot, users in self.follower.slots.items():
-            for u in users:
-                self._states[u, slot] = self._read(u, slot)
-        self.members = {u: at._replace(state=self._states[u, at.slot]) for u, at in self.members.items()}
+        self._read([(user, slot) for slot, users in self.follower.slots.items() for user in users])
+
+    def _nominal(self, sigma: Array) -> Array:
+        """(n,) m: 1 sigma that recordings give, of ranges that have this `sigma` (n,) by the model."""
+        return np.sqrt(np.maximum(sigma**2 - self.parameters.ranges.multipath_sigma**2, 1e-12))
 
     def _measured_weights(self, part: Array, whitened: Array, odds: Array) -> Array:
         """(n,) range weights of ranges (n, columns) sorted by pair, each as if its later neighbours had come."""
         _, weight, _ = mixture_terms(whitened, part[:, SIGMA].copy(), odds, self._loss)
         none = np.zeros((len(part), 3))
-        nominal = np.sqrt(np.maximum(part[:, SIGMA] ** 2 - self.parameters.ranges.multipath_sigma**2, 1e-12))
+        nominal = self._nominal(part[:, SIGMA])
         i, j = part[:, USER_I].astype(np.int32), part[:, USER_J].astype(np.int32)
         t = part[:, T].copy()
         measurements = RangeMeasurements(
@@ -505,7 +510,7 @@ class Tracking:
     def join(self, new: Mapping[int, JoiningUser], reference: int | None) -> None:
         """Follow users from now on, as a search found them; `reference` begins the common frame."""
         for user, found in new.items():
-            self.assumed_clock[user] = found.clock
+            self.assumed_clock[user], self.height_weight[user] = found.clock, found.height_weight
         for user, found in new.items():
             self._insert_all(user, found)
         first = {u: min(slot for slot, users in self.follower.slots.items() if u in users) for u in self.members}
@@ -525,7 +530,7 @@ class Tracking:
 
     def _hold(self, user: int, slot: int, exactly: bool) -> None:
         """A prior on the place at a user's first slot: exactly that of the one who begins the common frame."""
-        self._held[user, slot] = self._states[user, slot][:4].copy(), exactly
+        self._held[user, slot] = self.slots.state(user, slot)[:4], exactly
         for kind in ("place", "height") if exactly else ("place",):
             self.follower.put((kind, user, slot), self._holding(kind, user, slot), slot)
 
@@ -540,8 +545,8 @@ class Tracking:
 
     def _joining(self, user: int, slot: int) -> Joining:
         own, _ = calibration_sigmas(self.parameters)
-        height = float(self._stamps[user, slot][1][2])
-        sigma = height_sigma_of(self.users[user], self.parameters) / np.sqrt(2.0)
+        height = float(self.slots.place(user, slot)[2])
+        sigma = height_sigma_of(self.users[user], self.parameters) / np.sqrt(2.0 * self.height_weight[user])
         return Joining(user, slot, height, float(self.assumed_clock[user]), sigma, own)
 
     def _insert_all(self, user: int, found: JoiningUser) -> None:
@@ -563,21 +568,20 @@ class Tracking:
         for slot in slots:
             self._put(slot)
         self.members.pop(user)
+        self.height_spread[user] = 0.0
         if any(held for (u, _), (_, held) in self._held.items() if u == user):
             # It was the one that all were beside: from now on that is who is there longest.
             slot, left = next((n, us) for n, us in self.follower.slots.items() if any(u != user for u in us))
             self._hold(next(u for u in left if u != user), slot, True)
         self.follower.drop_user(user)
-        self._stamps = {key: value for key, value in self._stamps.items() if key[0] != user}
-        self._states = {key: value for key, value in self._states.items() if key[0] != user}
+        self.slots.drop(user)
         self._forget_made()
 
     def forget(self, before: int) -> list[int]:
         """Slots before `before` are marginalised out; returns users who had no later one: they are followed no more."""
         self.follower.marginalize(before)
         self.ranges.keep(self.ranges.rows[:, SLOT] >= before)
-        self._stamps = {key: value for key, value in self._stamps.items() if key[1] >= before}
-        self._states = {key: value for key, value in self._states.items() if key[1] >= before}
+        self.slots.forget(before)
         self._forget_made()
         gone = [u for u, tracked in self.members.items() if tracked.slot < before]
         for user in gone:
@@ -597,7 +601,8 @@ class Tracking:
     def state(self) -> dict[str, Any]:
         """All of it but for users and streams, as `restore` takes it."""
         known = {name: getattr(self, name) for name in _KEPT}
-        return known | {"ranges": self.ranges.rows.copy(), "follower": self.follower.to_state()}
+        tables = {"ranges": self.ranges.rows.copy(), "slots": self.slots.to_table()}
+        return known | tables | {"follower": self.follower.to_state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """What `state` told of. KeyError, ValueError or RuntimeError where it does not fit together."""
@@ -605,6 +610,8 @@ class Tracking:
             setattr(self, name, state[name])
         self.ranges = SlotRanges()
         self.ranges.restore(state["ranges"])
+        self.slots = SlotStates(len(self.users))
+        self.slots.restore(state["slots"])
         names = [name for name, _ in state["follower"].names if name not in state["follower"].linear]
         self.follower = Follower.from_state(state["follower"], {name: self._made(name) for name in names})
 
@@ -621,8 +628,8 @@ class Tracking:
 
 
 _KEPT = (
-    *("assumed_clock", "noise", "members", "origin", "_waiting", "_stamps", "_states", "_weight", "_judged_at"),
-    *("_untaken", "_steps", "_priors", "_held", "_given"),
+    *("assumed_clock", "noise", "height_spread", "height_weight", "members", "origin", "_waiting", "_weight", "_size"),
+    *("_judged_at", "_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
 )
 
 

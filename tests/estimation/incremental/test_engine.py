@@ -231,6 +231,30 @@ def test_nothing_is_seen_ahead_of_its_time() -> None:
     assert part.frames[:n] == whole.frames[:n]
 
 
+def test_a_search_that_is_nearly_decided_is_soon_repeated() -> None:
+    """Two people are looked for every half second, and sooner where the last search says that the next may do."""
+    recording = simulated(CLEAN).recording
+    engine, begun = Engine(recording.users, 0), []
+    rest = iter(sorted(messages(recording), key=lambda message: message[0]))
+    t, add = next(rest)
+    for now in (TICK * np.arange(1, 80)).tolist():
+        while t < now:
+            add(engine)
+            t, add = next(rest)
+        before, progress = engine.searched, engine.standings[1].progress
+        engine.advance(now)
+        if engine.searched > before > 0.0:
+            begun.append((now - before, progress))
+        if engine.state(1) is State.REGISTERED:
+            break
+    m = engine.parameters.incremental
+    assert engine.state(1) is State.REGISTERED
+    assert min(after for after, _ in begun) > m.search_interval_near - 1e-6
+    assert max(after for after, _ in begun) < m.search_interval + m.search_interval_near + 1.5 * TICK
+    assert all(progress > 0.5 for after, progress in begun if after < m.search_interval - 1e-6)
+    assert any(after < m.search_interval - 1e-6 for after, _ in begun)
+
+
 def test_two_runs_are_the_same_to_the_last_bit() -> None:
     recording, once = simulated(NOISY).recording, walked(NOISY)
     again = feed(recording, messages(recording))
@@ -413,7 +437,8 @@ def test_a_static_radio_has_no_slam_to_lose() -> None:
     assert engine.advance(0.0) == []
 
 
-def test_a_user_who_is_added_while_people_walk_is_registered() -> None:
+@pytest.mark.parametrize("name", ["phone2", "abe"])
+def test_a_user_who_is_added_while_people_walk_is_registered(name: str) -> None:
     recording = simulated(replace(CLEAN, users=3)).recording
     r, track = recording.ranges, recording.tracks["phone2"]
     later = track.t >= 5.0
@@ -424,8 +449,9 @@ def test_a_user_who_is_added_while_people_walk_is_registered() -> None:
         tracks={**recording.tracks, "phone2": late},
     )
     whole = messages(coming)
-    pair = feed(coming, [*whole, (5.0 - 1e-9, lambda e: e.add_user(coming.users[2]))], known=2)
-    assert pair.engine.users == recording.users
+    user = replace(coming.users[2], name=name)
+    pair = feed(coming, [*whole, (5.0 - 1e-9, lambda e: e.add_user(user))], known=2)
+    assert pair.engine.users == (*recording.users[:2], user)
     assert [len(states) for states in pair.states[:1] + pair.states[-1:]] == [2, 3]
     assert pair.states[-1] == [State.REGISTERED] * 3
     assert pair.frames[-1][2] is not None
@@ -445,7 +471,7 @@ def test_what_is_kept_does_not_grow_with_the_walk() -> None:
     assert ranges < (window + 3.0) * scene.round_hz * 1.5
     assert slots <= window + 2
     tracking = told.engine.tracking
-    assert len(tracking._stamps) == len(tracking._states) <= 2 * (window + 2)
+    assert len(tracking.slots) <= 2 * (window + 2)
     assert len(tracking._steps) <= 2 * (window + 2)
 
 

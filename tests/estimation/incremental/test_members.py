@@ -38,6 +38,7 @@ def members(states: Array, tangents: Array, shift: Array | None = None) -> Membe
         parameters=Parameters(),
         members={u: Tracked(5, 5.0, np.array([1.0, 2.0, 3.0]), states[u]) for u in (2, 0, 1)},
         assumed_clock=np.array([0.0, 0.1, -0.2]),
+        height_spread=np.zeros(3),
         follower=SimpleNamespace(covariance=lambda at: tangents if [u for u, _ in at] == [0, 1, 2] else None),
     )
     return Members(tracking, 0, np.zeros(3) if shift is None else shift)

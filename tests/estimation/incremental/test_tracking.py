@@ -199,6 +199,23 @@ def test_ranges_that_are_late_by_far_are_rejected_and_move_nobody() -> None:
     assert off(tracking, 1) < 0.25
 
 
+@pytest.mark.parametrize(("sigma", "shows"), [(0.05, True), (0.2, False)])
+def test_a_detour_that_reflections_might_explain_shows_where_there_are_none(sigma: float, shows: bool) -> None:
+    people = People(sigma=sigma)
+    people.begin()
+    tracking = people.follow(10.0)
+    detour = 0.45  # m: two and a half of the model's sigmas
+    for now in np.arange(10.1, 12.0, 0.1).tolist():
+        people.walk(now)
+        ranges = people.ranges([now - 0.06])
+        of_pair = (ranges.i == 0) & (ranges.j == 1)
+        tracking.add(ranges._replace(distance=ranges.distance + np.where(of_pair, detour, 0.0)))
+        tracking.advance(now, set())
+    share = tracking.rejected(10.05)
+    assert (share[0] > 0.4) == shows
+    assert share[2] < 0.1
+
+
 def test_who_leaves_takes_its_ranges_along_and_the_others_stay() -> None:
     people = People(sigma=0.05)
     people.begin()
@@ -230,6 +247,9 @@ def test_what_is_older_than_the_window_is_forgotten_and_not_what_it_told() -> No
     people = People(sigma=0.05)
     people.begin()
     tracking = people.follow(9.0)
+    for _ in range(5):  # until it stands
+        tracking.follower.update()
+    tracking._refresh()
     before = {u: tracking.members[u].state.copy() for u in tracking.members}
     tracking.forget(5)
     assert list(tracking.follower.slots) == [5, 6, 7, 8]

@@ -1,0 +1,136 @@
+"""Pictures of the pages, with a server, native devices and a phone that is emulated.
+
+`python -m experiments.live.screenshots [--out build/screenshots] [--seconds 20]`: everybody walks for that long by the
+wall clock, while pictures are taken of the join page, of the room's page (light, dark, on a phone, on a projector) and
+of the phone's page before and after it is registered. The ones in docs/ are room-light.png and phone-2.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from experiments.live import browser
+from experiments.live.walkers import server, walk
+from synchronizar.data.recording import Recording
+from synchronizar.data.track import Track
+from synchronizar.live.client import Client
+from synchronizar.quaternions import multiply_quaternions, yaw_quaternion
+from synchronizar.simulation.scene import Scene
+from synchronizar.simulation.simulate import Simulation, simulate
+
+if TYPE_CHECKING:
+    from playwright.async_api import Browser, Page
+
+NAMES = {"phone0": "Anna", "phone1": "Ben", "phone2": "Cleo", "phone3": "Dilip", "phone4": "Emre"}
+PHONE = "phone4"
+WINDOWS = {
+    "light": (1400, 900, False),
+    "dark": (1400, 900, True),
+    "phone": (390, 844, False),
+    "projector": (2560, 1440, False),
+}
+
+
+async def take(simulation: Simulation, out: Path, seconds: float) -> None:
+    """All pictures."""
+    from playwright.async_api import async_playwright
+
+    recording = renamed(simulation.recording)
+    own = sorted(set(recording.tracks) - {NAMES[PHONE]})
+    out.mkdir(parents=True, exist_ok=True)
+    with server() as where:
+        async with async_playwright() as playwright:
+            chromium = await browser.launch(playwright)
+            address = f"{where['url']}/room#{where['room']}"
+            rooms = {name: await _page(chromium, address, *window) for name, window in WINDOWS.items()}
+            client = await Client.join(str(where["join"]), own)
+            began = time.time() + 0.5
+            walking = asyncio.create_task(walk(client, recording, own, began))
+            await _join_page(chromium, str(where["join"]), out)
+            phone = await (await browser.context(chromium, 420, 800, phone=True)).new_page()
+            track = looking_at_others(simulation)
+            await browser.walk_in(phone, str(where["url"]), str(where["room"]), NAMES[PHONE], track, began)
+            await asyncio.sleep(1.5)
+            await _shoot(rooms, phone, out, 1)
+            await asyncio.sleep(seconds - 7.0)
+            await phone.click("#mark")
+            await browser.until(phone, "synchronizar.objects.ids.length")
+            await _shoot(rooms, phone, out, 2)
+            walking.cancel()
+            await client.close()
+            await chromium.close()
+
+
+def renamed(recording: Recording) -> Recording:
+    """With people's names."""
+    tracks = {NAMES[name]: track for name, track in recording.tracks.items()}
+    return replace(
+        recording, users=tuple(replace(user, name=NAMES[user.name]) for user in recording.users), tracks=tracks
+    )
+
+
+def looking_at_others(simulation: Simulation) -> Track:
+    """The phone's own track, held so that it looks at the middle of the others."""
+    truth = simulation.truth
+    own_from_world = simulation.world_from_user[PHONE].inverse()
+    track = simulation.recording.tracks[PHONE]
+    others = [
+        np.column_stack(
+            [np.interp(track.t, truth[name].t, axis) for axis in own_from_world.apply(truth[name].position).T]
+        )
+        for name in NAMES
+        if name != PHONE
+    ]
+    away = np.mean(others, axis=0) - track.position
+    yaw = np.arctan2(away[:, 1], away[:, 0])
+    # Held a little downwards.
+    down = np.array([0.0, np.sin(0.06), 0.0, np.cos(0.06)])
+    quat = np.array([multiply_quaternions(yaw_quaternion(float(turn)), down) for turn in yaw])
+    return replace(track, quat_xyzw=quat)
+
+
+async def _page(chromium: Browser, address: str, width: int, height: int, dark: bool) -> Page:
+    page = await (await browser.context(chromium, width, height, dark)).new_page()
+    await page.goto(address)
+    return page
+
+
+async def _join_page(chromium: Browser, address: str, out: Path) -> None:
+    for name, dark in (("light", False), ("dark", True)):
+        page = await (await browser.context(chromium, 420, 800, dark, phone=True)).new_page()
+        await page.goto(address)
+        await page.screenshot(path=out / f"join-{name}.png", full_page=True)
+        await page.context.close()
+
+
+async def _shoot(rooms: dict[str, Page], phone: Page, out: Path, number: int) -> None:
+    await phone.screenshot(path=out / f"phone-{number}.png")
+    for name, page in rooms.items():
+        last = "" if number == 2 else f"-{number}"
+        await page.screenshot(path=out / f"room-{name}{last}.png", full_page=name == "phone")
+
+
+def main() -> None:
+    """Take them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("build/screenshots"))
+    parser.add_argument("--seconds", type=float, default=20.0)
+    options = parser.parse_args()
+    if reason := browser.why_not():
+        raise SystemExit(reason)
+    scene = Scene(
+        users=len(NAMES), seconds=2.0 * options.seconds + 20.0, seed=4, late_share=0.1, drift_m_per_sqrt_s=0.005
+    )
+    asyncio.run(take(simulate(scene), options.out, options.seconds))
+    print(*sorted(str(path) for path in options.out.glob("*.png")), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

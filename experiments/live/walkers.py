@@ -1,0 +1,84 @@
+"""A server of one's own, and native devices that walk as a recording says while pages walk beside them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from synchronizar.data.recording import Recording
+from synchronizar.live.client import Client
+from synchronizar.live.messages import MeasuredRange
+
+_BEAT_S = 0.04
+
+
+@contextmanager
+def server(*options: str) -> Iterator[dict[str, Any]]:
+    """A server on this machine alone, without TLS, and what it says of itself once it listens."""
+    words = ["serve", "--host", "127.0.0.1", "--port", "0", "--udp-port", "0", "--no-tls", "--json", *options]
+    process = subprocess.Popen([sys.executable, "-m", "synchronizar", *words], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield json.loads(process.stdout.readline())
+    finally:
+        process.terminate()
+        try:
+            process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+async def walk(client: Client, recording: Recording, own: Iterable[str], began: float) -> None:
+    """Say what the devices `own` of a recording see and measure, as it comes; its t = 0 is at `began` (s since 1970).
+
+    Of the ranges those of them with one another and with others who are in the room. Goes on until it is cancelled.
+    """
+    own = set(own)
+    hearing = asyncio.create_task(_hear(client))
+    poses = sorted(
+        ((t, name, position, quat) for name in own for t, position, quat in _poses(recording, name)),
+        key=lambda pose: pose[0],
+    )
+    ranges = sorted(_ranges(recording, own), key=lambda measured: measured.t)
+    try:
+        while True:
+            now = time.time() - began
+            count = sum(1 for pose in poses if pose[0] <= now)
+            await client.send_poses([(name, began + t, xyz, quat) for t, name, xyz, quat in poses[:count]])
+            del poses[:count]
+            count = sum(1 for measured in ranges if measured.t <= now)
+            known = [one for one in ranges[:count] if {one.a, one.b} <= client.members.keys()]
+            if known:
+                await client.send_ranges([_at(measured, began) for measured in known])
+            del ranges[:count]
+            await asyncio.sleep(_BEAT_S)
+    finally:
+        hearing.cancel()
+
+
+async def _hear(client: Client) -> None:
+    async for _ in client.messages():
+        pass
+
+
+def _poses(recording: Recording, name: str) -> Iterator[tuple[float, list[float], list[float]]]:
+    track = recording.tracks[name]
+    yield from zip(track.t.tolist(), track.position.tolist(), track.quat_xyzw.tolist(), strict=True)
+
+
+def _ranges(recording: Recording, own: set[str]) -> Iterator[MeasuredRange]:
+    names, r = [user.name for user in recording.users], recording.ranges
+    for t, a, b, distance in zip(r.t.tolist(), r.a.tolist(), r.b.tolist(), r.distance.tolist(), strict=True):
+        if {names[a], names[b]} & own:
+            yield MeasuredRange(t, names[a], names[b], distance)
+
+
+def _at(measured: MeasuredRange, began: float) -> MeasuredRange:
+    return MeasuredRange(began + measured.t, measured.a, measured.b, measured.distance)

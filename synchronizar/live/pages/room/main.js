@@ -1,0 +1,99 @@
+/** The room's page: who only looks sees everybody from above. */
+
+import { byId, say } from "../dom.js";
+import { JoinError, RoomClient } from "../protocol.js";
+import { Banner } from "../view/banner.js";
+import { onDarkChange } from "../view/colours.js";
+import { Devices } from "../view/devices.js";
+import { EventLog } from "../view/events.js";
+import { fillJoinCard } from "../view/join_card.js";
+import { Tables, counts } from "../view/tables.js";
+import { TopView } from "../view/top_view.js";
+import { addressOf, codeOf, recalled, remember, spelled } from "../visit.js";
+import { connection, stateOf } from "../words.js";
+import { RoomModel } from "./model.js";
+
+const REDRAW_MS = 250;
+
+const code = codeOf();
+const banner = new Banner(byId("banner"));
+const client = new RoomClient({ server: location.origin, room: code });
+const model = new RoomModel(client);
+const devices = new Devices(byId("devices"), byId("nobody"));
+const tables = new Tables(byId("device-table"), byId("pair-table"));
+const log = new EventLog(byId("events"));
+const view = new TopView(byId("top-view"), model);
+let began = null;
+
+/** For tests and the browser's console. */
+globalThis.synchronizar = { client, model };
+
+say(byId("title"), code ? `Room ${spelled(code)}` : "Room");
+document.title = code ? `Room ${spelled(code)}` : document.title;
+byId("fit").addEventListener("click", () => view.fit());
+byId("closer").addEventListener("click", () => view.zoom(1.25));
+byId("farther").addEventListener("click", () => view.zoom(0.8));
+byId("full").addEventListener("click", () => document.documentElement.requestFullscreen?.());
+byId("full").hidden = !document.documentElement.requestFullscreen;
+byId("walk-in").href = addressOf("/", code);
+onDarkChange(refresh);
+
+client.addEventListener("welcome", ({ detail }) => (began ??= detail.t));
+client.addEventListener("state", ({ detail }) => {
+  const text = connection(detail);
+  if (!text) banner.hide();
+  else if (detail.state === "closed") banner.show(text, "error", { label: "Join again", go: () => location.reload() });
+  else banner.show(text, "wait");
+  byId("connected").dataset.state = detail.state;
+  say(byId("connected"), { open: "connected", joining: "joining …", waiting: "reconnecting …" }[detail.state] ?? "not connected");
+  const { note } = recalled(code);
+  if (detail.state === "open" && note) {
+    banner.show(note, "note", { label: "I see", go: () => (remember(code, { note: "" }), banner.hide()) });
+  }
+});
+document.addEventListener("visibilitychange", () => document.visibilityState === "visible" && client.wake());
+addEventListener("hashchange", () => location.reload());
+
+function refresh() {
+  devices.update(model.present);
+  tables.update(model);
+  log.update(model.events, elapsed);
+  counters();
+}
+
+function counters() {
+  const { status } = client;
+  const users = model.present;
+  const registered = users.filter((user) => stateOf(user.told) === "registered").length;
+  say(byId("count-registered"), `${registered} of ${users.length}`);
+  const sum = (of) => (status ? Object.values(status.users).reduce((total, health) => total + health[of], 0) : null);
+  say(byId("count-poses"), status ? `${Math.round(sum("poses_hz"))} /s` : "–");
+  say(byId("count-ranges"), status ? `${Math.round(sum("ranges_hz") / 2)} /s` : "–");
+  say(byId("count-behind"), status ? `${Math.round(1000 * status.behind)} ms` : "–");
+  say(byId("count-refused"), counts(status?.refused));
+  say(byId("count-latency"), client.roundTrip === null ? "–" : `${Math.round(500 * client.roundTrip)} ms`);
+}
+
+function elapsed(t) {
+  const seconds = Math.max(0, Math.round(t - (began ?? t)));
+  return `${Math.floor(seconds / 60)}:${String(seconds % 60).padStart(2, "0")}`;
+}
+
+async function start() {
+  if (!code) {
+    location.replace("/");
+    return;
+  }
+  fillJoinCard({ image: byId("qr"), address: byId("address"), code: byId("code") }, location.origin, code);
+  try {
+    await client.connect();
+  } catch (error) {
+    if (!(error instanceof JoinError)) throw error;
+    const elsewhere = { label: "Enter the code again", go: () => location.assign("/") };
+    banner.show(error.message, "error", error.reason === "room" ? elsewhere : { label: "Try again", go: () => location.reload() });
+  }
+  refresh();
+  setInterval(refresh, REDRAW_MS);
+}
+
+start();

@@ -1,0 +1,107 @@
+/** The room's objects as simple shapes in the common frame, and those of one's own that still wait for their place. */
+
+import {
+  BoxGeometry,
+  ConeGeometry,
+  Group,
+  Mesh,
+  MeshStandardMaterial,
+  SphereGeometry,
+} from "../vendor/three/three.module.min.js";
+
+import { UPRIGHT_IN_Y_UP } from "../axes.js";
+import { colourOf } from "../view/colours.js";
+import { dispose, label } from "./label.js";
+
+const SHAPES = {
+  marker: new ConeGeometry(0.08, 0.24, 24).rotateX(-Math.PI / 2).translate(0, 0, 0.12),
+  ball: new SphereGeometry(0.1, 24, 16),
+};
+const OTHER = new BoxGeometry(0.15, 0.15, 0.15);
+const FOLLOWING_S = 0.08;
+
+export class Objects {
+  #client;
+  #common;
+  #own;
+  #shown = new Map();
+  #waiting = new Map();
+
+  /** `common`: where the common frame is drawn; `own`: where the device's own is. */
+  constructor(client, common, own) {
+    this.#client = client;
+    this.#common = common;
+    this.#own = own;
+    client.addEventListener("objects", () => this.#take());
+    client.addEventListener("welcome", () => this.#take());
+    if (client.state === "open") this.#take();
+  }
+
+  /** Ids of what is shown in place. */
+  get ids() {
+    return [...this.#shown.keys()];
+  }
+
+  /** How many of one's own wait for their place. */
+  get waiting() {
+    return this.#waiting.size;
+  }
+
+  /** An object of one's own that the room has not placed yet, at `position` of the device's own frame. */
+  wait(id, kind, position, colour) {
+    const ghost = shape(kind, colour);
+    ghost.material.opacity = 0.4;
+    ghost.position.set(...position);
+    ghost.quaternion.set(...UPRIGHT_IN_Y_UP);
+    this.#own.add(ghost);
+    this.#waiting.set(id, ghost);
+  }
+
+  /** Goes on, `dt` s after the last time: what is held follows its holder, what flies flies. */
+  update(dt, roomTime, opacity) {
+    for (const { id, root, mesh, tag } of this.#shown.values()) {
+      const object = this.#client.objects.get(id);
+      if (!object) continue;
+      const ahead = object.velocity && roomTime !== null ? Math.min(1, Math.max(0, roomTime - object.t)) : 0;
+      const goal = object.position.map((v, i) => v + ahead * (object.velocity?.[i] ?? 0));
+      const share = 1 - Math.exp(-dt / FOLLOWING_S);
+      const here = root.position.toArray();
+      root.position.set(...here.map((v, i) => v + share * (goal[i] - v)));
+      mesh.quaternion.set(...object.quat_xyzw);
+      mesh.material.opacity = tag.material.opacity = opacity;
+    }
+  }
+
+  #take() {
+    for (const object of this.#client.objects.values()) if (!this.#shown.has(object.id)) this.#add(object);
+    for (const [id, { root, mesh, tag }] of this.#shown) {
+      if (this.#client.objects.has(id)) continue;
+      this.#common.remove(root);
+      mesh.material.dispose();
+      dispose(tag);
+      this.#shown.delete(id);
+    }
+  }
+
+  #add({ id, kind, position, by }) {
+    const colour = colourOf(this.#client.member(by)?.index ?? 6, true);
+    const mesh = shape(kind, colour);
+    const tag = label(by, colour);
+    tag.position.set(0, 0, 0.36);
+    const root = new Group();
+    root.position.set(...position);
+    root.add(mesh, tag);
+    this.#common.add(root);
+    this.#shown.set(id, { id, root, mesh, tag });
+    const ghost = this.#waiting.get(id);
+    if (ghost) {
+      this.#own.remove(ghost);
+      ghost.material.dispose();
+      this.#waiting.delete(id);
+    }
+  }
+}
+
+function shape(kind, colour) {
+  return new Mesh(SHAPES[kind] ?? OTHER, new MeshStandardMaterial({ color: colour, transparent: true, roughness: 0.6 }));
+}

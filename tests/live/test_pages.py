@@ -1,0 +1,127 @@
+"""The pages in a browser, with a server and native devices: a page that looks, and one that walks with a phone."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.live import browser
+from experiments.live.walkers import server, walk
+from synchronizar.arrays import Array
+from synchronizar.geometry import Z_UP_FROM_Y_UP, YawFrame
+from synchronizar.live.client import Client
+from synchronizar.simulation.scene import Scene
+from synchronizar.simulation.simulate import Simulation, simulate
+
+PHONE, NATIVE = "phone1", ("phone0", "phone2")
+# Where each of the others is drawn, in the phone's own frame, whenever something new is drawn.
+LOG = """() => {
+  const { avatars, frame, stage } = synchronizar;
+  globalThis.drawn = [];
+  const seen = {};
+  setInterval(() => {
+    const m = stage.common.matrix.elements;
+    for (const [name, { t, position: [x, y, z] }] of Object.entries(avatars.places)) {
+      if (!frame.registered || frame.opacity < 1 || seen[name] === t) continue;
+      seen[name] = t;
+      const place = [0, 1, 2].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]);
+      drawn.push([name, t, frame.told.sigma, ...place]);
+    }
+  }, 50);
+}"""
+
+
+def sigmas_off(simulation: Simulation, drawn: list[list[Any]], began: float) -> Array:
+    """(n,): how far from the truth each place was drawn, in the sigmas that were told of the phone's own."""
+    own_from_world = own_frame(simulation).inverse()
+    out = []
+    for name, t, sigma, *place in drawn:
+        truth = simulation.truth[name]
+        true = [np.interp(t - began, truth.t, axis) for axis in truth.position.T]
+        off = Z_UP_FROM_Y_UP @ np.array(place) - own_from_world.apply(np.array(true))
+        out.append(np.linalg.norm(off) / sigma)
+    return np.array(out)
+
+
+def own_frame(simulation: Simulation) -> YawFrame:
+    """The phone's own frame in the room's: its SLAM does not drift."""
+    return simulation.world_from_user[PHONE]
+
+
+@pytest.fixture(autouse=True)
+def _chromium() -> None:
+    if reason := browser.why_not():
+        pytest.skip(reason)
+
+
+async def registered(page: Any) -> None:
+    try:
+        await browser.until(page, "synchronizar.frame?.registered && synchronizar.frame.opacity === 1")
+    except TimeoutError:
+        known = await browser.told(page, "[synchronizar.client.frames, synchronizar.client.status]")
+        raise AssertionError(f"the phone is not registered: {known}") from None
+
+
+async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]:
+    from playwright.async_api import async_playwright
+
+    out: dict[str, Any] = {}
+    async with async_playwright() as playwright:
+        chromium = await browser.launch(playwright)
+        phone = await (await browser.context(chromium, 240, 320, phone=True)).new_page()
+        room = await (await browser.context(chromium, 800, 600)).new_page()
+        complaints = browser.complaints(phone), browser.complaints(room)
+        await room.goto(f"{where['url']}/room#{where['room']}")
+        client = await Client.join(where["join"], NATIVE)
+        out["began"] = began = time.time() + 0.5
+        walking = asyncio.create_task(walk(client, simulation.recording, NATIVE, began))
+        # The reference is whoever walks first.
+        await asyncio.sleep(3.0)
+        track = simulation.recording.tracks[PHONE]
+        await browser.walk_in(phone, where["url"], where["room"], PHONE, track, began)
+        await browser.until(phone, "synchronizar.stage.renderer.xr.isPresenting")
+        # Before anybody knows where it is: the room keeps the marker until it does.
+        await phone.click("#mark")
+        await phone.evaluate(LOG)
+        await registered(phone)
+        await browser.until(room, "document.getElementById('count-registered').textContent === '3 of 3'")
+        await asyncio.sleep(5.0)
+        out["drawn"] = await browser.told(phone, "drawn")
+        out["objects"] = await browser.told(phone, "[...synchronizar.client.objects.values()]")
+        out["shown"] = await browser.told(phone, "[synchronizar.objects.ids, synchronizar.objects.waiting]")
+        out["looked"] = await room.inner_text("#devices")
+        # A reload: the same device, in another frame, found anew.
+        await phone.reload()
+        await browser.start(phone, track, began)
+        await phone.evaluate(LOG)
+        await registered(phone)
+        await asyncio.sleep(2.0)
+        out["again"] = await browser.told(phone, "drawn")
+        out["member"] = await browser.told(phone, f"synchronizar.client.member('{PHONE}')")
+        walking.cancel()
+        await client.close()
+        out["complaints"] = [line for heard in complaints for line in heard if "GL Driver" not in line]
+        await chromium.close()
+    return out
+
+
+def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_sees_all() -> None:
+    simulation = simulate(Scene(users=3, seconds=60.0, seed=5))
+    with server() as where:
+        out = asyncio.run(visit(simulation, where))
+    assert out["complaints"] == []
+    assert out["looked"].count("in place") == 3
+    for drawn in (out["drawn"], out["again"]):
+        assert {name for name, *_ in drawn} == set(NATIVE)
+        assert len(drawn) > 40
+        assert np.percentile(sigmas_off(simulation, drawn, out["began"]), 95) < 2.5
+    marker = out["objects"][0]
+    assert (marker["kind"], marker["by"], len(out["objects"])) == ("marker", PHONE, 1)
+    qx, qy, qz, qw = marker["quat_xyzw"]
+    assert abs(qx) + abs(qy) < 0.01  # upright
+    assert out["shown"] == [[marker["id"]], 0]
+    assert out["member"]["frame"] == 1
