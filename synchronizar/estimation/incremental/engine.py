@@ -315,7 +315,7 @@ class Engine:
             return max(least, watched)
         # While a user begins to walk, its sigmas fall with about the square of time.
         taken = (self.searched - standing.since) * (max(standing.progress, _LEAST_PROGRESS) ** -0.5 - 1.0)
-        return max(least, self.searched + 0.5 * taken)
+        return float(max(least, self.searched + 0.5 * taken))
 
     def _window_begin(self) -> float:
         """s: the earliest moment that following and searches still need."""
