@@ -53,6 +53,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--late-share", type=float, default=0.1)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep-awake", action="store_true", help="modules range all the time")
     parser.add_argument("--record", metavar="DIR", help="the room is written here")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
@@ -68,16 +69,19 @@ def main() -> None:
         up="y",
     )
     with suppress(KeyboardInterrupt):
-        seen = asyncio.run(in_a_room_of_its_own(simulate(scene), options.seed, options.record))
+        seen = asyncio.run(in_a_room_of_its_own(simulate(scene), options.seed, options.record, options.keep_awake))
         print(json.dumps(summary(seen)) if options.json else table(summary(seen)))
 
 
-async def in_a_room_of_its_own(simulation: Simulation, seed: int, record: str | None = None) -> list[Seen]:
+async def in_a_room_of_its_own(
+    simulation: Simulation, seed: int, record: str | None = None, keep_awake: bool = False
+) -> list[Seen]:
     """Open a server, and walk in its room."""
     command = (sys.executable, "-m", "synchronizar", "serve", "--json", "--no-tls", "--host", "127.0.0.1")
     recording = () if record is None else ("--record", record)
+    sleeping = ("--keep-awake",) if keep_awake else ()
     server = await asyncio.create_subprocess_exec(
-        *command, "--port", "0", "--udp-port", "0", *recording, stdout=asyncio.subprocess.PIPE
+        *command, "--port", "0", "--udp-port", "0", *recording, *sleeping, stdout=asyncio.subprocess.PIPE
     )
     try:
         assert server.stdout is not None

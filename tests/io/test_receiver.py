@@ -245,3 +245,39 @@ def test_datagrams_may_come_in_any_order() -> None:
 def test_of_nothing_there_are_no_ranges() -> None:
     assert len(converted()) == 0
     assert len(converted({"ranges": some_ranges([], [])})) == 0
+
+
+# ---- whatever members say ----
+
+
+@st.composite
+def members_words(draw: st.DrawFn) -> tuple[bytes, float]:
+    """A datagram that its reporter's key is right for, with anything that the protocol lets it say, and its arrival."""
+    reporter = draw(st.sampled_from([7, 8, 9, 0xFFFD]))
+    peers = draw(st.lists(st.integers(0, 6), max_size=4))
+    offsets = draw(st.lists(st.integers(-(10**7), 10**7), min_size=len(peers), max_size=len(peers)))
+    said = RangesDatagram(
+        SESSION,
+        reporter,
+        draw(st.integers(0, 2**64 - 1)),
+        draw(st.sampled_from([0, 1, 2**32 - 1])),
+        draw(st.one_of(st.integers(0, 2**62), st.integers(10**12, 10**12 + 10**10))),
+        draw(st.integers(0, 2**32 - 1)),
+        some_ranges(np.array(peers, dtype=np.uint16), np.full(len(peers), 1000), offset_us=offsets),
+    )
+    return sealed(said), draw(st.floats(0.0, 1e7))
+
+
+@given(st.lists(members_words(), max_size=30))
+def test_whatever_members_say_stamps_are_numbers_and_all_is_counted(words: list[tuple[bytes, float]]) -> None:
+    receiver = Receiver(RoomKeys(SESSION, KEY))
+    stamped: list[Stamped] = []
+    taken = 0
+    for word, arrived in words:
+        one = receiver.take(word, arrived)
+        taken += one is not None
+        stamped += one.stamped if one is not None else ()
+    assert taken + receiver.refused.total() == len(words)
+    assert receiver.refused.keys() <= {"sequence", "future"}
+    assert all(np.isfinite(one.t).all() and len(one.t) == len(one.datagram.ranges) > 0 for one in stamped)
+    assert len({id(one.datagram) for one in stamped}) == len(stamped)

@@ -150,6 +150,27 @@ def test_a_line_that_means_nothing_is_told_and_ignored(collector: Collector) -> 
 
 
 @needs_air
+def test_whatever_lines_say_it_goes_on(collector: Collector) -> None:
+    """Anything on standard input: each line that means nothing is answered by one, and those that do are followed."""
+    random = np.random.default_rng(4)
+    text = "module at stay off blocked 1 2 65534 -1 1e308 nan inf 0.5 23 ppm board_ppm antenna_delay_error temperature"
+    words = [*text.encode().split(), KEYS.of(1).hex().encode(), b"\0", b"\xff"]
+    lines = [b" ".join(random.choice(words, random.integers(1, 12)).tolist()) for _ in range(3000)]
+    lines.append(b"x" * 100_000)
+    with LiveAir(SESSION, collector.port) as live:
+        live._behind += b"\n".join(lines) + b"\n"
+
+        def all_is_read() -> bool:
+            live.stay(9)
+            return any(fault.endswith("there is no module 9") for fault in live.faults)
+
+        wait_for(all_is_read)
+        live.add(3, Carried(KEYS.of(3)))
+        walk(live, 0.0, 3.0, {3: (0.0, 0.0, 0.0)})
+        wait_for(lambda: live.states.get(3) == "coordinates")
+
+
+@needs_air
 def test_what_it_cannot_be_started_with_is_told() -> None:
     with LiveAir(SESSION, 1, scheme="round-robin") as live:
         wait_for(lambda: bool(live.faults))
