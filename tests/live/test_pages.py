@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import time
 from typing import Any
 
@@ -17,6 +18,7 @@ from synchronizar.live.client import Client
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
+HOSTILE = "<img src=x onerror=alert(1)>"
 PHONE, NATIVE = "phone1", ("phone0", "phone2")
 # Where each of the others is drawn, in the phone's own frame, whenever something new is drawn.
 LOG = """() => {
@@ -92,8 +94,14 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
         await asyncio.sleep(5.0)
         out["drawn"] = await browser.told(phone, "drawn")
         out["objects"] = await browser.told(phone, "[...synchronizar.client.objects.values()]")
+        out["transport"] = await browser.told(phone, "synchronizar.client.transport")
         out["shown"] = await browser.told(phone, "[synchronizar.objects.ids, synchronizar.objects.waiting]")
+        stranger = await Client.join(where["join"], [HOSTILE])
+        await browser.until(room, "synchronizar.model.users.size === 4")
+        await asyncio.sleep(0.5)
         out["looked"] = await room.inner_text("#devices")
+        out["pictures"] = await room.locator("#devices img, table img, #events img").count()
+        await stranger.leave()
         # A reload: the same device, in another frame, found anew.
         await phone.reload()
         await browser.start(phone, track, began)
@@ -114,6 +122,10 @@ def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_see
     with server() as where:
         out = asyncio.run(visit(simulation, where))
     assert out["complaints"] == []
+    assert out["transport"] == ("webtransport" if importlib.util.find_spec("aioquic") else "websocket")
+    # Names are text, whatever they are.
+    assert HOSTILE in out["looked"]
+    assert out["pictures"] == 0
     assert out["looked"].count("in place") == 3
     for drawn in (out["drawn"], out["again"]):
         assert {name for name, *_ in drawn} == set(NATIVE)
@@ -121,7 +133,7 @@ def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_see
         assert np.percentile(sigmas_off(simulation, drawn, out["began"]), 95) < 2.5
     marker = out["objects"][0]
     assert (marker["kind"], marker["by"], len(out["objects"])) == ("marker", PHONE, 1)
-    qx, qy, qz, qw = marker["quat_xyzw"]
+    qx, qy, _, _ = marker["quat_xyzw"]
     assert abs(qx) + abs(qy) < 0.01  # upright
     assert out["shown"] == [[marker["id"]], 0]
     assert out["member"]["frame"] == 1

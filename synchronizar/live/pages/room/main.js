@@ -9,7 +9,7 @@ import { EventLog } from "../view/events.js";
 import { fillJoinCard } from "../view/join_card.js";
 import { Tables, counts } from "../view/tables.js";
 import { TopView } from "../view/top_view.js";
-import { addressOf, codeOf, recalled, remember, spelled } from "../visit.js";
+import { addressOf, codeOf, recalled, remember, serverAddress, spelled } from "../visit.js";
 import { connection, stateOf } from "../words.js";
 import { RoomModel } from "./model.js";
 
@@ -17,7 +17,7 @@ const REDRAW_MS = 250;
 
 const code = codeOf();
 const banner = new Banner(byId("banner"));
-const client = new RoomClient({ server: location.origin, room: code });
+const client = new RoomClient({ server: serverAddress(), room: code });
 const model = new RoomModel(client);
 const devices = new Devices(byId("devices"), byId("nobody"));
 const tables = new Tables(byId("device-table"), byId("pair-table"));
@@ -35,7 +35,7 @@ byId("closer").addEventListener("click", () => view.zoom(1.25));
 byId("farther").addEventListener("click", () => view.zoom(0.8));
 byId("full").addEventListener("click", () => document.documentElement.requestFullscreen?.());
 byId("full").hidden = !document.documentElement.requestFullscreen;
-byId("walk-in").href = addressOf("/", code);
+byId("walk-in").href = addressOf("./", code);
 onDarkChange(refresh);
 
 client.addEventListener("welcome", ({ detail }) => (began ??= detail.t));
@@ -81,15 +81,15 @@ function elapsed(t) {
 
 async function start() {
   if (!code) {
-    location.replace("/");
+    location.replace("./");
     return;
   }
-  fillJoinCard({ image: byId("qr"), address: byId("address"), code: byId("code") }, location.origin, code);
+  fillJoinCard({ image: byId("qr"), address: byId("address"), code: byId("code") }, serverAddress(), code);
   try {
     await client.connect();
   } catch (error) {
     if (!(error instanceof JoinError)) throw error;
-    const elsewhere = { label: "Enter the code again", go: () => location.assign("/") };
+    const elsewhere = { label: "Enter the code again", go: () => location.assign("./") };
     banner.show(error.message, "error", error.reason === "room" ? elsewhere : { label: "Try again", go: () => location.reload() });
   }
   refresh();
