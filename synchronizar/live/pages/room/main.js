@@ -14,6 +14,8 @@ import { connection, stateOf } from "../words.js";
 import { RoomModel } from "./model.js";
 
 const REDRAW_MS = 250;
+/** s: a solver that is so far behind is told. */
+const BEHIND_S = 10;
 
 const code = codeOf();
 const banner = new Banner(byId("banner"));
@@ -24,6 +26,7 @@ const tables = new Tables(byId("device-table"), byId("pair-table"));
 const log = new EventLog(byId("events"));
 const view = new TopView(byId("top-view"), model);
 let began = null;
+let behind = false;
 
 /** For tests and the browser's console. */
 globalThis.synchronizar = { client, model };
@@ -63,6 +66,7 @@ function refresh() {
 
 function counters() {
   const { status } = client;
+  tellBehind(client.state === "open" && model.users.size > 0 && status?.behind > BEHIND_S);
   const users = model.present;
   const registered = users.filter((user) => stateOf(user.told) === "registered").length;
   say(byId("count-registered"), `${registered} of ${users.length}`);
@@ -72,6 +76,16 @@ function counters() {
   say(byId("count-behind"), status ? `${Math.round(1000 * status.behind)} ms` : "–");
   say(byId("count-refused"), counts(status?.refused));
   say(byId("count-latency"), client.roundTrip === null ? "–" : `${Math.round(500 * client.roundTrip)} ms`);
+}
+
+function tellBehind(now) {
+  if (now) {
+    const text = "The room's solver is far behind: its computer is too slow for so many devices, or it is being started anew.";
+    banner.show(text, "warn");
+  } else if (behind) {
+    banner.hide();
+  }
+  behind = now;
 }
 
 function elapsed(t) {
