@@ -29,7 +29,8 @@ Object.assign(rules, {
   // Whatever others have said is text: nothing may make markup of it.
   "no-restricted-properties": [
     "error",
-    ...["innerHTML", "outerHTML", "insertAdjacentHTML", "write"].map((property) => ({ property })),
+    ...["innerHTML", "outerHTML", "insertAdjacentHTML"].map((property) => ({ property })),
+    { object: "document", property: "write" },
   ],
 });
 
@@ -42,7 +43,7 @@ export default [
   },
   {
     files: ["tests/**/*.js"],
-    languageOptions: { ecmaVersion: 2023, sourceType: "module", globals: readonly([...browser, "Buffer", "process"]) },
+    languageOptions: { ecmaVersion: 2023, sourceType: "module", globals: readonly([...browser, "Buffer", "TransformStream", "process"]) },
     rules,
   },
 ];

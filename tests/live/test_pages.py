@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import time
 from typing import Any
 
@@ -17,6 +18,7 @@ from synchronizar.live.client import Client
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
+HOSTILE = "<img src=x onerror=alert(1)>"
 PHONE, NATIVE = "phone1", ("phone0", "phone2")
 # Where each of the others is drawn, in the phone's own frame, whenever something new is drawn.
 LOG = """() => {
@@ -92,8 +94,14 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
         await asyncio.sleep(5.0)
         out["drawn"] = await browser.told(phone, "drawn")
         out["objects"] = await browser.told(phone, "[...synchronizar.client.objects.values()]")
+        out["transport"] = await browser.told(phone, "synchronizar.client.transport")
         out["shown"] = await browser.told(phone, "[synchronizar.objects.ids, synchronizar.objects.waiting]")
+        stranger = await Client.join(where["join"], [HOSTILE])
+        await browser.until(room, "synchronizar.model.users.size === 4")
+        await asyncio.sleep(0.5)
         out["looked"] = await room.inner_text("#devices")
+        out["pictures"] = await room.locator("#devices img, table img, #events img").count()
+        await stranger.leave()
         # A reload: the same device, in another frame, found anew.
         await phone.reload()
         await browser.start(phone, track, began)
@@ -114,6 +122,10 @@ def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_see
     with server() as where:
         out = asyncio.run(visit(simulation, where))
     assert out["complaints"] == []
+    assert out["transport"] == ("webtransport" if importlib.util.find_spec("aioquic") else "websocket")
+    # Names are text, whatever they are.
+    assert HOSTILE in out["looked"]
+    assert out["pictures"] == 0
     assert out["looked"].count("in place") == 3
     for drawn in (out["drawn"], out["again"]):
         assert {name for name, *_ in drawn} == set(NATIVE)
@@ -121,7 +133,57 @@ def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_see
         assert np.percentile(sigmas_off(simulation, drawn, out["began"]), 95) < 2.5
     marker = out["objects"][0]
     assert (marker["kind"], marker["by"], len(out["objects"])) == ("marker", PHONE, 1)
-    qx, qy, qz, qw = marker["quat_xyzw"]
+    qx, qy, _, _ = marker["quat_xyzw"]
     assert abs(qx) + abs(qy) < 0.01  # upright
     assert out["shown"] == [[marker["id"]], 0]
     assert out["member"]["frame"] == 1
+
+
+async def look_without_ar(where: dict[str, Any]) -> dict[str, Any]:
+    from playwright.async_api import async_playwright
+
+    out: dict[str, Any] = {}
+    async with async_playwright() as playwright:
+        chromium = await browser.launch(playwright)
+        page = await (await browser.context(chromium, 390, 700)).new_page()
+        complaints = browser.complaints(page)
+        await page.goto(where["join"])
+        await browser.until(page, "document.getElementById('ability').textContent")
+        out["walk"] = await page.is_disabled("#walk")
+        out["why"] = await page.inner_text("#ability")
+        await page.fill("#code", "WRONGCODE")
+        await page.press("#code", "Tab")
+        await page.click("#look")
+        await browser.until(page, "document.getElementById('banner').dataset.kind === 'error'")
+        out["wrong"] = await page.inner_text("#banner")
+        out["focus"] = await page.evaluate("document.activeElement.id")
+        complaints.clear()  # the answer 404 is one
+        await page.fill("#code", where["room"].lower())
+        await page.click("#look")
+        await page.wait_for_url("**/room*")
+        await browser.until(page, "globalThis.synchronizar?.client.state === 'open'")
+        await page.wait_for_selector("#qr:not([hidden])")
+        out["qr"] = await page.get_attribute("#qr", "alt")
+        # Who follows a link to the phone's page lands here, and is told why.
+        await page.evaluate(
+            "code => sessionStorage.setItem('synchronizar', JSON.stringify({code, name: 'ann'}))", where["room"]
+        )
+        await page.goto(f"{where['url']}/phone#{where['room']}")
+        await page.wait_for_url("**/room*")
+        await browser.until(page, "document.getElementById('banner').hidden === false")
+        out["note"] = await page.inner_text("#banner p")
+        out["complaints"] = complaints
+        await chromium.close()
+    return out
+
+
+def test_a_browser_without_ar_looks_and_says_why_and_a_wrong_code_is_told_with_a_way_on() -> None:
+    with server() as where:
+        out = asyncio.run(look_without_ar(where))
+    assert out["walk"]
+    assert out["why"] == "This device cannot show AR. You can look all the same."
+    assert out["wrong"] == "There is no room with that code: look at the room's page for it."
+    assert out["focus"] == "code"
+    assert out["qr"].startswith("QR code of https://")
+    assert out["note"] == "This device cannot show AR. So you are looking."
+    assert out["complaints"] == []

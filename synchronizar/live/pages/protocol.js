@@ -15,6 +15,7 @@
 
 import { ClockOffset, deviceNow } from "./clock.js";
 import { decodePoses, encodePose } from "./poses.js";
+import { WebTransportSocket } from "./webtransport.js";
 
 export const PROTOCOL = 1;
 
@@ -40,11 +41,18 @@ export class JoinError extends Error {
   }
 }
 
-/** Buys a token with a room's code: {token, expires, resume, room, users}. Throws JoinError. */
+/** An address of the server: "live" of "https://room.example/a" is "https://room.example/a/live". */
+function addressAt(server, path) {
+  const base = new URL(server);
+  if (!base.pathname.endsWith("/")) base.pathname += "/";
+  return new URL(path, base);
+}
+
+/** Buys a token with a room's code: {token, expires, resume, room, users, ...}. Throws JoinError. */
 export async function join(server, request, fetch = globalThis.fetch) {
   let response;
   try {
-    response = await fetch(new URL("/api/join", server), {
+    response = await fetch(addressAt(server, "api/join"), {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(request),
@@ -73,20 +81,27 @@ export class RoomClient extends EventTarget {
   #holding = false;
   #queue = [];
   #newFrames;
+  #posesHeard = null;
   #first = null;
+  #mayTransport;
 
   /**
    * `server`: its address; `room`: its code; `users`: settings of the devices that this client speaks for
    * ({name, up, static, height_sigma, antennas}); `resume`: of an earlier connection (`client.resume`), to be the same
-   * devices after a reload: their SLAM began another frame then, unless `sameFrames`.
+   * devices after a reload: their SLAM began another frame then, unless `sameFrames`. Poses go by WebTransport where
+   * browser and server have it, by the WebSocket otherwise. `webTransport: false`: always by the WebSocket.
    */
-  constructor({ server, room, users = [], resume = null, sameFrames = false, now = deviceNow, WebSocket, fetch } = {}) {
+  constructor({ server, room, users = [], resume = null, sameFrames = false, now = deviceNow, ...other } = {}) {
     super();
-    this.#options = { server, room, users, WebSocket: WebSocket ?? globalThis.WebSocket, fetch };
+    const { WebSocket, WebTransport, fetch } = { ...offered(), ...other };
+    this.#options = { server, room, users, WebSocket, WebTransport, fetch };
+    this.#mayTransport = (other.webTransport ?? true) && WebTransport !== undefined;
     this.#resume = resume;
     this.#newFrames = resume !== null && !sameFrames;
     this.now = now;
     this.state = "closed";
+    /** What carries it now: "webtransport" or "websocket"; null where nothing does. */
+    this.transport = null;
     /** Names of the devices that this client speaks for. */
     this.you = [];
     /** The newest `frames` message; null before the first. */
@@ -223,21 +238,13 @@ export class RoomClient extends EventTarget {
   // Connecting
 
   async #open() {
-    const { server, room, users, WebSocket, fetch } = this.#options;
+    const { server, room, users, fetch } = this.#options;
     this.#become("joining");
     try {
       const joined = await join(server, { room, users, resume: this.#resume }, fetch);
       if (this.state !== "joining") return;
       this.#resume = joined.resume;
-      const address = new URL("/live", server);
-      address.protocol = address.protocol === "http:" ? "ws:" : "wss:";
-      const socket = new WebSocket(address.href);
-      socket.binaryType = "arraybuffer";
-      this.#socket = socket;
-      this.#heardAt = this.now();
-      socket.onopen = () => socket.send(JSON.stringify({ type: "hello", token: joined.token, protocol: PROTOCOL }));
-      socket.onmessage = ({ data }) => this.#socket === socket && this.#hear(data);
-      socket.onclose = () => this.#socket === socket && this.#broken();
+      this.#connect(joined);
     } catch (error) {
       if (!(error instanceof JoinError)) throw error;
       if (this.state !== "joining") return;
@@ -247,6 +254,41 @@ export class RoomClient extends EventTarget {
         this.#broken();
       }
     }
+  }
+
+  #connect(joined) {
+    const { server, WebSocket, WebTransport } = this.#options;
+    const address = addressAt(server, "live");
+    const { webtransport_port: port, webtransport_sha256: sha256 } = joined;
+    let socket;
+    if (this.#mayTransport && port && sha256) {
+      address.port = port;
+      this.transport = "webtransport";
+      socket = new WebTransportSocket(address.href, sha256, WebTransport);
+    } else {
+      address.protocol = address.protocol === "http:" ? "ws:" : "wss:";
+      this.transport = "websocket";
+      socket = new WebSocket(address.href);
+      socket.binaryType = "arraybuffer";
+    }
+    let open = false;
+    this.#socket = socket;
+    this.#heardAt = this.now();
+    socket.onopen = () => {
+      open = true;
+      socket.send(JSON.stringify({ type: "hello", token: joined.token, protocol: PROTOCOL }));
+    };
+    socket.onmessage = ({ data }) => this.#socket === socket && this.#hear(data);
+    socket.onclose = () => {
+      if (this.#socket !== socket) return;
+      if (open || this.transport === "websocket") {
+        this.#broken();
+        return;
+      }
+      // A network that lets no UDP through: the token is still good.
+      this.#mayTransport = false;
+      this.#connect(joined);
+    };
   }
 
   #broken() {
@@ -277,6 +319,7 @@ export class RoomClient extends EventTarget {
   #drop() {
     const socket = this.#socket;
     this.#socket = null;
+    this.transport = null;
     this.#held.clear();
     this.#holding = false;
     clearTimeout(this.#pingTimer);
@@ -295,6 +338,9 @@ export class RoomClient extends EventTarget {
     this.#heardAt = this.now();
     if (typeof data !== "string") {
       const poses = decodePoses(data);
+      // Datagrams overtake one another; many devices' poses come in several, of one number.
+      if (this.#posesHeard !== null && ((poses.sequence - this.#posesHeard) | 0) < 0) return;
+      this.#posesHeard = poses.sequence;
       for (const pose of poses.poses) pose.name = this.members.get(pose.member)?.name;
       this.#tell("poses", { ...poses, poses: poses.poses.filter((pose) => pose.name !== undefined) });
       return;
@@ -334,6 +380,7 @@ export class RoomClient extends EventTarget {
     this.objects.clear();
     this.#takeObjects(message.objects);
     this.#attempt = 0;
+    this.#posesHeard = null;
     this.#pings = 0;
     this.#clock.clear();
     this.#become("open");
@@ -411,6 +458,12 @@ export class RoomClient extends EventTarget {
     for (const timer of this.#timers) clearTimeout(timer);
     this.#timers.clear();
   }
+}
+
+/** What a browser or Node offers. */
+function offered() {
+  const { WebSocket, WebTransport, fetch } = globalThis;
+  return { WebSocket, WebTransport, fetch };
 }
 
 /** An id that nobody else chooses. */

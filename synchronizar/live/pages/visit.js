@@ -18,6 +18,11 @@ export function spelled(code) {
   return code.replace(/(.{4})(?=.)/g, "$1-");
 }
 
+/** The server's address, whatever stands before its pages in it. */
+export function serverAddress() {
+  return new URL(".", location.href).href;
+}
+
 /** The address of another page of the same room. */
 export function addressOf(path, code) {
   return `${path}#${encodeURIComponent(code)}`;

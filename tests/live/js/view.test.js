@@ -73,6 +73,8 @@ test("the model knows who is where, from what the room says", async () => {
   near([ann.pose.ellipse.major, ann.pose.ellipse.minor], [0.2, 0.1]);
   assert.equal(ben.pose.ellipse, null);
   made.tell("poses", { t: 100.1, poses: [] });
+  assert.notEqual(model.users.get("ann").pose, null);
+  made.tell("poses", { t: 101, poses: [] });
   assert.equal(model.users.get("ann").pose, null);
   made.members.delete(40);
   made.tell("members", {});

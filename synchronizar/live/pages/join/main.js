@@ -3,7 +3,7 @@
 import { byId, say } from "../dom.js";
 import { JoinError, join } from "../protocol.js";
 import { Banner } from "../view/banner.js";
-import { addressOf, codeOf, recalled, remember, spelled } from "../visit.js";
+import { addressOf, codeOf, recalled, remember, serverAddress, spelled } from "../visit.js";
 import { canShowAr } from "../xr/ability.js";
 
 const banner = new Banner(byId("banner"));
@@ -43,19 +43,19 @@ async function walk() {
   }
   if (!(await isRoom(room))) return;
   remember(room, { name: called });
-  location.assign(addressOf("/phone", room));
+  location.assign(addressOf("phone", room));
 }
 
 async function look() {
   const room = entered();
-  if (room && (await isRoom(room))) location.assign(addressOf("/room", room));
+  if (room && (await isRoom(room))) location.assign(addressOf("room", room));
 }
 
 /** Whether there is such a room; where not, says so. */
 async function isRoom(room) {
   banner.show("Looking for the room …", "wait");
   try {
-    await join(location.origin, { room });
+    await join(serverAddress(), { room });
     banner.hide();
     return true;
   } catch (error) {

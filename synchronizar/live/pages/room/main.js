@@ -9,21 +9,24 @@ import { EventLog } from "../view/events.js";
 import { fillJoinCard } from "../view/join_card.js";
 import { Tables, counts } from "../view/tables.js";
 import { TopView } from "../view/top_view.js";
-import { addressOf, codeOf, recalled, remember, spelled } from "../visit.js";
+import { addressOf, codeOf, recalled, remember, serverAddress, spelled } from "../visit.js";
 import { connection, stateOf } from "../words.js";
 import { RoomModel } from "./model.js";
 
 const REDRAW_MS = 250;
+/** s: a solver that is so far behind is told. */
+const BEHIND_S = 10;
 
 const code = codeOf();
 const banner = new Banner(byId("banner"));
-const client = new RoomClient({ server: location.origin, room: code });
+const client = new RoomClient({ server: serverAddress(), room: code });
 const model = new RoomModel(client);
 const devices = new Devices(byId("devices"), byId("nobody"));
 const tables = new Tables(byId("device-table"), byId("pair-table"));
 const log = new EventLog(byId("events"));
 const view = new TopView(byId("top-view"), model);
 let began = null;
+let behind = false;
 
 /** For tests and the browser's console. */
 globalThis.synchronizar = { client, model };
@@ -35,7 +38,7 @@ byId("closer").addEventListener("click", () => view.zoom(1.25));
 byId("farther").addEventListener("click", () => view.zoom(0.8));
 byId("full").addEventListener("click", () => document.documentElement.requestFullscreen?.());
 byId("full").hidden = !document.documentElement.requestFullscreen;
-byId("walk-in").href = addressOf("/", code);
+byId("walk-in").href = addressOf("./", code);
 onDarkChange(refresh);
 
 client.addEventListener("welcome", ({ detail }) => (began ??= detail.t));
@@ -63,6 +66,7 @@ function refresh() {
 
 function counters() {
   const { status } = client;
+  tellBehind(client.state === "open" && model.users.size > 0 && status?.behind > BEHIND_S);
   const users = model.present;
   const registered = users.filter((user) => stateOf(user.told) === "registered").length;
   say(byId("count-registered"), `${registered} of ${users.length}`);
@@ -74,6 +78,16 @@ function counters() {
   say(byId("count-latency"), client.roundTrip === null ? "–" : `${Math.round(500 * client.roundTrip)} ms`);
 }
 
+function tellBehind(now) {
+  if (now) {
+    const text = "The room's solver is far behind: its computer is too slow for so many devices, or it is being started anew.";
+    banner.show(text, "warn");
+  } else if (behind) {
+    banner.hide();
+  }
+  behind = now;
+}
+
 function elapsed(t) {
   const seconds = Math.max(0, Math.round(t - (began ?? t)));
   return `${Math.floor(seconds / 60)}:${String(seconds % 60).padStart(2, "0")}`;
@@ -81,15 +95,15 @@ function elapsed(t) {
 
 async function start() {
   if (!code) {
-    location.replace("/");
+    location.replace("./");
     return;
   }
-  fillJoinCard({ image: byId("qr"), address: byId("address"), code: byId("code") }, location.origin, code);
+  fillJoinCard({ image: byId("qr"), address: byId("address"), code: byId("code") }, serverAddress(), code);
   try {
     await client.connect();
   } catch (error) {
     if (!(error instanceof JoinError)) throw error;
-    const elsewhere = { label: "Enter the code again", go: () => location.assign("/") };
+    const elsewhere = { label: "Enter the code again", go: () => location.assign("./") };
     banner.show(error.message, "error", error.reason === "room" ? elsewhere : { label: "Try again", go: () => location.reload() });
   }
   refresh();

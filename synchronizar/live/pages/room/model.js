@@ -10,6 +10,7 @@ const TRAIL_STEP_M = 0.05;
 const TRAIL_GAP_M = 0.6;
 const FASTEST = 3;
 const MOST_EVENTS = 200;
+const GONE_S = 0.5;
 /** s after which a pose is old, and whoever it is of is drawn faded. */
 export const OLD_S = 1.5;
 
@@ -65,17 +66,17 @@ export class RoomModel {
 
   #poses({ t, poses }) {
     this.posesAt = t;
-    const told = new Set();
     for (const pose of poses) {
       const user = this.users.get(pose.name);
       if (!user) continue;
-      told.add(pose.name);
       const [x, y, z] = pose.position;
       const turned = user.static ? null : heading(pose.quat_xyzw, user.up);
-      user.pose = { x, y, z, heading: turned, state: pose.state, age: pose.age, ellipse: this.#ellipse(user, pose) };
+      const { state, age } = pose;
+      user.pose = { x, y, z, heading: turned, state, age, ellipse: this.#ellipse(user, pose), heard: t };
       extend(user.trail, t - pose.age, x, y);
     }
-    for (const user of this.users.values()) if (!told.has(user.name)) user.pose = null;
+    // Many devices' poses come in several messages: who is in none for a while has no place.
+    for (const user of this.users.values()) if (user.pose && t - user.pose.heard > GONE_S) user.pose = null;
   }
 
   /** Of a user's place, 1 sigma, from the covariance of its frame's origin. */

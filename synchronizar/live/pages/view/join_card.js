@@ -8,7 +8,7 @@ export async function fillJoinCard({ image, address, code: codeText }, server, c
   say(codeText, spelled(code));
   say(address, server);
   try {
-    const response = await fetch(new URL("/api/qr", server), {
+    const response = await fetch(new URL("api/qr", server), {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify({ room: code }),
@@ -18,9 +18,10 @@ export async function fillJoinCard({ image, address, code: codeText }, server, c
     // Inside a page an SVG needs no namespace, as a picture of its own it does.
     const picture = svg.includes("xmlns=") ? svg : svg.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"');
     image.src = URL.createObjectURL(new Blob([picture], { type: "image/svg+xml" }));
-    image.alt = `QR code of ${new URL(join).origin}`;
+    const [where] = join.split("#");
+    image.alt = `QR code of ${where}`;
     image.hidden = false;
-    say(address, new URL(join).origin);
+    say(address, where);
   } catch {
     // Without the picture there is still the address.
   }

@@ -6,7 +6,7 @@ import { byId, say } from "../dom.js";
 import { JoinError, RoomClient } from "../protocol.js";
 import { Banner } from "../view/banner.js";
 import { colourOf } from "../view/colours.js";
-import { addressOf, codeOf, recalled, remember, spelled } from "../visit.js";
+import { addressOf, codeOf, recalled, remember, serverAddress, spelled } from "../visit.js";
 import { connection, metres } from "../words.js";
 import { canShowAr } from "./ability.js";
 import { Avatars } from "./avatars.js";
@@ -26,16 +26,16 @@ const banner = new Banner(byId("banner"));
 
 async function prepare() {
   say(byId("title"), name ? `Walk into room ${spelled(code)} as ${name}` : "Walk in");
-  byId("look").href = addressOf("/room", code);
-  byId("back").href = addressOf("/", code);
+  byId("look").href = addressOf("room", code);
+  byId("back").href = addressOf("./", code);
   if (!code || !name) {
-    location.replace(addressOf("/", code));
+    location.replace(addressOf("./", code));
     return;
   }
   const able = await canShowAr();
   if (!able.ar) {
     remember(code, { note: able.why.replace("You can look all the same.", "So you are looking.") });
-    location.replace(addressOf("/room", code));
+    location.replace(addressOf("room", code));
     return;
   }
   byId("enter").disabled = false;
@@ -52,7 +52,7 @@ async function walk() {
     visit.end();
     byId("enter").disabled = false;
     const text = error instanceof JoinError ? error.message : `AR could not be started: ${error.message}`;
-    const way = error.reason === "name" || error.reason === "room" ? addressOf("/", code) : null;
+    const way = error.reason === "name" || error.reason === "room" ? addressOf("./", code) : null;
     banner.show(text, "error", way && { label: "Change it", go: () => location.assign(way) });
   }
 }
@@ -61,7 +61,7 @@ async function walk() {
 class Visit {
   #stage = new Stage();
   #session = new ArSession();
-  #client = new RoomClient({ server: location.origin, room: code, users: [{ name, up: "y" }], resume: resume ?? null });
+  #client = new RoomClient({ server: serverAddress(), room: code, users: [{ name, up: "y" }], resume: resume ?? null });
   #frame = new OwnFrame(this.#client);
   #avatars = new Avatars(this.#client, this.#stage.common);
   #objects = new Objects(this.#client, this.#stage.common, this.#stage.scene);
