@@ -1,7 +1,7 @@
 """Pictures of the pages, with a server, native devices and a phone that is emulated.
 
 `python -m experiments.live.screenshots [--out build/screenshots] [--seconds 20]`: everybody walks for that long by the
-wall clock, while pictures are taken of the join page, of the room's page (light, dark, on a phone, on a projector) and
+wall clock, while pictures are taken of the join page, of the room's page (light, dark, on a phone) and
 of the phone's page before and after it is registered. The ones in docs/ are room-light.png and phone-2.png.
 """
 
@@ -34,7 +34,6 @@ WINDOWS = {
     "light": (1400, 900, False),
     "dark": (1400, 900, True),
     "phone": (390, 844, False),
-    "projector": (2560, 1440, False),
 }
 
 
@@ -60,8 +59,8 @@ async def take(simulation: Simulation, out: Path, seconds: float) -> None:
             await asyncio.sleep(1.5)
             await _shoot(rooms, phone, out, 1)
             await asyncio.sleep(seconds - 7.0)
-            await phone.click("#mark")
-            await browser.until(phone, "synchronizar.objects.ids.length")
+            await _stand_where_most_are_seen(phone)
+            await browser.until(phone, "phone.still")
             await _shoot(rooms, phone, out, 2)
             walking.cancel()
             await client.close()
@@ -94,6 +93,42 @@ def looking_at_others(simulation: Simulation) -> Track:
     down = np.array([0.0, np.sin(0.06), 0.0, np.cos(0.06)])
     quat = np.array([multiply_quaternions(yaw_quaternion(float(turn)), down) for turn in yaw])
     return replace(track, quat_xyzw=quat)
+
+
+async def _stand_where_most_are_seen(phone: Page) -> None:
+    """Stop, and put a marker there, as soon as two of the others are on the screen at a distance."""
+    seen = """(last) => {
+      const { avatars, frame, stage } = synchronizar;
+      if (frame.opacity < 1 && !last) return false;
+      const m = stage.common.matrix.elements;
+      const now = (performance.timeOrigin + performance.now()) / 1000;
+      const [x, y, z, qx, qy, qz, qw] = phone.place(now - phone.began);
+      const [fx, fz] = [-2 * (qx * qz + qw * qy), -(1 - 2 * (qx * qx + qy * qy))];
+      const ahead = Object.values(avatars.places).filter(({ position: [a, b, c] }) => {
+        const [dx, , dz] = [0, 1, 2].map((i) => m[i] * a + m[4 + i] * b + m[8 + i] * c + m[12 + i] - [x, y, z][i]);
+        const distance = Math.hypot(dx, dz);
+        return distance > 1.5 && (dx * fx + dz * fz) / distance > 0.965;
+      });
+      if (ahead.length < 2 && !last) return false;
+      const here = [x, y, z, qx, qy, qz, qw];
+      phone.table = [[0, ...here], [1, ...here]];
+      document.getElementById("mark").click();
+      // The picture stays as it is then: on a busy machine a screenshot comes seconds later.
+      const still = setInterval(() => {
+        if (!synchronizar.objects.ids.length) return;
+        clearInterval(still);
+        setTimeout(() => {
+          const placing = frame.step(0, true);
+          frame.step = () => placing;
+          avatars.update = synchronizar.objects.update = synchronizar.overlay.update = () => {};
+          phone.still = true;
+        }, 100);
+      }, 20);
+      return true;
+    }"""
+    end = time.monotonic() + 20.0
+    while not await phone.evaluate(seen, time.monotonic() > end):
+        await asyncio.sleep(0.05)
 
 
 async def _page(chromium: Browser, address: str, width: int, height: int, dark: bool) -> Page:

@@ -105,7 +105,7 @@ export class TopView {
     paint.clearRect(0, 0, this.#camera.width, this.#camera.height);
     paint.font = style.font;
     this.#dot = DOT * parseFloat(style.fontSize);
-    paint.lineJoin = paint.lineCap = "round";
+    paint.lineJoin = "round";
     this.#grid(paint, colours);
     for (const user of users) this.#trail(paint, user);
     for (const user of users) this.#ellipse(paint, user);
@@ -139,6 +139,8 @@ export class TopView {
     const now = this.#model.posesAt ?? 0;
     paint.strokeStyle = colourOf(user.index);
     paint.lineWidth = 2;
+    // Pieces that fade one by one must not overlap.
+    paint.lineCap = "butt";
     for (let i = 1; i < user.trail.length; i++) {
       const [from, to] = [user.trail[i - 1], user.trail[i]];
       if (!from || !to) continue;
@@ -149,6 +151,7 @@ export class TopView {
       paint.stroke();
     }
     paint.globalAlpha = 1;
+    paint.lineCap = "round";
   }
 
   #ellipse(paint, { index, pose, told }) {

@@ -14,7 +14,7 @@ import { colourOf } from "../view/colours.js";
 import { dispose, label } from "./label.js";
 
 const SHAPES = {
-  marker: new ConeGeometry(0.08, 0.24, 24).rotateX(-Math.PI / 2).translate(0, 0, 0.12),
+  marker: new ConeGeometry(0.06, 0.18, 24).rotateX(-Math.PI / 2).translate(0, 0, 0.09),
   ball: new SphereGeometry(0.1, 24, 16),
 };
 const OTHER = new BoxGeometry(0.15, 0.15, 0.15);
@@ -87,7 +87,7 @@ export class Objects {
     const colour = colourOf(this.#client.member(by)?.index ?? 6, true);
     const mesh = shape(kind, colour);
     const tag = label(by, colour);
-    tag.position.set(0, 0, 0.36);
+    tag.position.set(0, 0, 0.27);
     const root = new Group();
     root.position.set(...position);
     root.add(mesh, tag);
