@@ -57,11 +57,13 @@ async def take(simulation: Simulation, out: Path, seconds: float) -> None:
             track = looking_at_others(simulation)
             await browser.walk_in(phone, str(where["url"]), str(where["room"]), NAMES[PHONE], track, began)
             await asyncio.sleep(1.5)
-            await _shoot(rooms, phone, out, 1)
+            await phone.screenshot(path=out / "phone-1.png")
+            await _shoot(rooms, out, 1)
             await asyncio.sleep(seconds - 7.0)
+            await _shoot(rooms, out, 2)
             await _stand_where_most_are_seen(phone)
             await browser.until(phone, "phone.still")
-            await _shoot(rooms, phone, out, 2)
+            await phone.screenshot(path=out / "phone-2.png")
             walking.cancel()
             await client.close()
             await chromium.close()
@@ -145,8 +147,7 @@ async def _join_page(chromium: Browser, address: str, out: Path) -> None:
         await page.context.close()
 
 
-async def _shoot(rooms: dict[str, Page], phone: Page, out: Path, number: int) -> None:
-    await phone.screenshot(path=out / f"phone-{number}.png")
+async def _shoot(rooms: dict[str, Page], out: Path, number: int) -> None:
     for name, page in rooms.items():
         last = "" if number == 2 else f"-{number}"
         await page.screenshot(path=out / f"room-{name}{last}.png", full_page=name == "phone")

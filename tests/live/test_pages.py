@@ -110,6 +110,12 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
         await asyncio.sleep(2.0)
         out["again"] = await browser.told(phone, "drawn")
         out["member"] = await browser.told(phone, f"synchronizar.client.member('{PHONE}')")
+        # Who leaves may come again.
+        await phone.click("#leave")
+        await phone.wait_for_selector("#enter:enabled")
+        await browser.start(phone, track, began)
+        await browser.until(phone, "synchronizar.client.state === 'open'")
+        out["left"] = await browser.told(phone, f"synchronizar.client.member('{PHONE}').here")
         walking.cancel()
         await client.close()
         out["complaints"] = [line for heard in complaints for line in heard if "GL Driver" not in line]
@@ -137,6 +143,7 @@ def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_see
     assert abs(qx) + abs(qy) < 0.01  # upright
     assert out["shown"] == [[marker["id"]], 0]
     assert out["member"]["frame"] == 1
+    assert out["left"]
 
 
 async def look_without_ar(where: dict[str, Any]) -> dict[str, Any]:

@@ -50,7 +50,6 @@ async function walk() {
     await visit.start();
   } catch (error) {
     visit.end();
-    byId("enter").disabled = false;
     const text = error instanceof JoinError ? error.message : `AR could not be started: ${error.message}`;
     const way = error.reason === "name" || error.reason === "room" ? addressOf("./", code) : null;
     banner.show(text, "error", way && { label: "Change it", go: () => location.assign(way) });
@@ -109,6 +108,7 @@ class Visit {
     this.#stage.renderer.dispose();
     this.#overlay.show(false);
     byId("start").hidden = false;
+    byId("enter").disabled = false;
   }
 
   /** Puts a marker in front of the device; the room places it once it knows where that is. */
