@@ -2,7 +2,7 @@
 
 `python -m experiments.live.screenshots [--out build/screenshots] [--seconds 20]`: everybody walks for that long by the
 wall clock, while pictures are taken of the join page, of the room's page (light, dark, on a phone) and
-of the phone's page before and after it is registered. The ones in docs/ are room-light.png and phone-2.png.
+of the phone's page before and after it is registered. The ones in docs/ are room-light-1.png and phone-2.png.
 """
 
 from __future__ import annotations
