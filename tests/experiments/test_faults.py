@@ -7,7 +7,17 @@ import pytest
 
 from experiments.common.faults import BEGIN, KINDS, ONE, REFERENCE, TWO, Fault, fault_of, in_frames, jumped, sliding
 from experiments.common.full_oracle import true_frames_along, true_tracks
-from experiments.live.faults import Course, Judged, again_after, astray_from, course_off, off_seconds, row_of, share
+from experiments.live.faults import (
+    Course,
+    Judged,
+    again_after,
+    astray_from,
+    course_off,
+    off_seconds,
+    row_of,
+    share,
+    walk,
+)
 from synchronizar.data.track import Track
 from synchronizar.geometry import wrap_angle
 from synchronizar.quaternions import IDENTITY, yaw_of_quaternions
@@ -165,3 +175,10 @@ def test_a_track_is_astray_from_where_it_leaves_its_first_seconds() -> None:
     assert astray_from(own, walked) == np.inf
     true = walked + np.where(own.t[:, None] >= 30.0, [0.0, 0.0, 1.0], 0.0)
     assert astray_from(own, true) == 30.0
+
+
+def test_the_common_frame_stays_when_swapped_radios_speak_against_the_reference() -> None:
+    """Two people's radios are swapped: what they measure fits as well without the other two as with them."""
+    for course in walk(("swapped radios", 20)).courses:
+        longest, _ = course_off(course)
+        assert longest < 1.0, course.name

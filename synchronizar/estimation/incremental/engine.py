@@ -235,7 +235,7 @@ class Engine:
         assert members is not None
         for user in members.order:
             self.standings[user].placed = members.placed(user)
-        if self.reference in members.order:
+        if self.reference in members.order and not self.standings[self.reference].contradicted:
             self._begun = self.standings[self.reference].placed
 
     def _give_up(self, but: int | None = None) -> None:
