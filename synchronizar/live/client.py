@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import urlsplit
 
 import aiohttp
@@ -14,9 +14,23 @@ import msgspec
 
 from synchronizar.errors import InputError
 from synchronizar.live import messages as m
+from synchronizar.live.forwarding import ModuleForwarder
 from synchronizar.live.messages import MessageError
-from synchronizar.live.pose_wire import PosesDown, PoseUp, decode_poses_down, encode_poses_up
+from synchronizar.live.placing import placed, told_frame
+from synchronizar.live.pose_wire import (
+    PosesDown,
+    PoseUp,
+    decode_poses_down,
+    decode_poses_up,
+    encode_poses_up,
+    is_newer,
+    newest_poses,
+)
 from synchronizar.live.trust import trust
+
+if TYPE_CHECKING:
+    from synchronizar.live.client_peers import ClientPeers
+    from synchronizar.live.pose_channel import PoseChannel
 
 _FIRST_PINGS, _FIRST_PING_S, _PING_S = 4, 0.1, 2.0
 _QUICKEST_OF = 8
@@ -29,7 +43,12 @@ class Client:
     """
 
     def __init__(
-        self, session: aiohttp.ClientSession, socket: aiohttp.ClientWebSocketResponse, welcome: m.Welcome, resume: str
+        self,
+        session: aiohttp.ClientSession,
+        socket: aiohttp.ClientWebSocketResponse,
+        welcome: m.Welcome,
+        resume: str,
+        host: str,
     ) -> None:
         self.welcome = welcome
         self.resume = resume
@@ -45,12 +64,20 @@ class Client:
         """What the room refused, by reason: the last sentence."""
         self.offset: float | None = None
         """s: the room's clock minus this client's `time.time()`."""
-        self._session, self._socket = session, socket
+        self.peer_poses: dict[str, PoseUp] = {}
+        """The newest pose of each device that says its poses to this one by a data channel, in that device's own axes
+        and by its own clock."""
+        self._session, self._socket, self._host = session, socket, host
         self._index = {name: i for i, name in enumerate(welcome.you)}
         self._frame = {member.name: member.frame for member in welcome.members if member.name in self._index}
         self._sequence = 0
         self._round_trips: list[tuple[float, float]] = []
         self._pinging: asyncio.Task[None] | None = None
+        self._peers: ClientPeers | None = None
+        self._receiving: asyncio.Task[aiohttp.WSMessage] | None = None
+        self._by_channel: PosesDown | None = None
+        self._woken: asyncio.Future[None] | None = None
+        self._forwarders: list[ModuleForwarder] = []
 
     @classmethod
     async def join(
@@ -94,7 +121,7 @@ class Client:
         except InputError:
             await session.close()
             raise
-        client = cls(session, socket, welcome, joined.resume)
+        client = cls(session, socket, welcome, joined.resume, parts.hostname)
         if time == "live" and client._index:
             client._pinging = asyncio.create_task(client._ping())
         return client
@@ -107,8 +134,13 @@ class Client:
 
     async def close(self) -> None:
         """End the connection; the devices may come again with `resume`."""
-        if self._pinging is not None:
-            self._pinging.cancel()
+        for task in (self._pinging, self._receiving):
+            if task is not None:
+                task.cancel()
+        for forwarder in self._forwarders:
+            forwarder.close()
+        if self._peers is not None:
+            await self._peers.close()
         await self._socket.close()
         await self._session.close()
 
@@ -130,7 +162,14 @@ class Client:
             index = self._own(user)
             up.append(PoseUp(index, self._frame[user], sequence, t, (x, y, z), (qx, qy, qz, qw)))
         if up:
-            await self._socket.send_bytes(encode_poses_up(up))
+            await self._say_poses(encode_poses_up(up))
+
+    async def _say_poses(self, data: bytes) -> None:
+        """To who has a data channel by that, where it takes them; to the room by the connection otherwise."""
+        channels = {} if self._peers is None else self._peers.channels
+        taken = {name for name, channel in channels.items() if channel.is_open and channel.send(data)}
+        if m.ROOM not in taken:
+            await self._socket.send_bytes(data)
 
     async def send_range(self, t: float, a: str, b: str, distance: float, **columns: Any) -> None:
         """A distance (m) at t (s by `time.time()`); columns as in ranges.csv."""
@@ -155,16 +194,67 @@ class Client:
         """Any message of `messages` that a client may say."""
         await self._socket.send_str(m.encode(message).decode())
 
+    async def call(self, name: str = m.ROOM) -> PoseChannel:
+        """Open a WebRTC data channel for poses to the room, or to another device; needs the extra `webrtc`.
+
+        From then on `send_poses` sends to it as well; what waits is left out, and what the room's channel does not take
+        goes by the connection as before. The answer is heard by `messages`; `opened` of what is returned waits for it.
+        """
+        return await self._all_peers().call(name)
+
+    def answer_calls(self) -> None:
+        """Let other devices of the room open data channels to this one: `peer_poses` are kept up by them."""
+        self._all_peers().answers = True
+
+    def place_of_peer(self, name: str) -> tuple[m.Vector, m.Quaternion] | None:
+        """Where a device is by its own newest word, in the common frame; None where that is not known."""
+        pose, member = self.peer_poses.get(name), self.members.get(name)
+        if pose is None or member is None:
+            return None
+        frame = told_frame(self.frames.users.get(name), member.up, pose.frame)
+        return None if frame is None else placed(frame, pose.position, pose.quat_xyzw)
+
+    def forward_module(self, port: int = 0, host: str | None = None, udp_port: int | None = None) -> int:
+        """Hand a module's datagrams on to the room unchanged, and its orders back; the UDP port for the module.
+
+        `host`: the address at which to listen, None: all. `udp_port`: the room's, where it is another one than it says.
+        """
+        to = udp_port or self.welcome.udp_port
+        if to is None:
+            raise InputError("forward_module", "this room takes no datagrams")
+        forwarder = ModuleForwarder((self._host, to), host, port)
+        self._forwarders.append(forwarder)
+        return forwarder.port
+
     async def messages(self) -> AsyncIterator[m.FromRoom | PosesDown]:
         """What the room says, until it or this client ends; `frames`, `poses` and the others are kept up on the way."""
-        async for word in self._socket:
-            if word.type is aiohttp.WSMsgType.BINARY:
-                self.poses = decode_poses_down(word.data)
-                yield self.poses
+        while True:
+            word = await self._next()
+            if isinstance(word, PosesDown) or word.type is aiohttp.WSMsgType.BINARY:
+                poses = word if isinstance(word, PosesDown) else decode_poses_down(word.data)
+                if (newest := newest_poses(self.poses, poses)) is not None:
+                    self.poses = newest
+                    yield newest
             elif word.type is aiohttp.WSMsgType.TEXT:
                 message = m.decode_from_room(word.data)
                 self._take(message)
                 yield message
+            else:
+                return
+
+    async def _next(self) -> aiohttp.WSMessage | PosesDown:
+        """By the connection or the room's data channel, whichever comes first."""
+        if self._receiving is None:
+            self._receiving = asyncio.ensure_future(self._socket.receive())
+        if self._by_channel is None and not self._receiving.done():
+            self._woken = asyncio.get_running_loop().create_future()
+            waited: set[asyncio.Future[Any]] = {self._receiving, self._woken}
+            await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED)
+        if self._by_channel is not None:
+            poses, self._by_channel = self._by_channel, None
+            return poses
+        word, self._receiving = self._receiving.result(), None
+        return word
 
     async def until(self, wanted: Callable[[m.FromRoom | PosesDown], bool]) -> m.FromRoom | PosesDown:
         """The first message of that kind. Raises ConnectionError where none comes any more."""
@@ -187,6 +277,9 @@ class Client:
                 self.status = message
             case m.Refused():
                 self.refused[message.reason] = message.what
+            case m.Signalled():
+                if self._peers is not None:
+                    self._peers.signalled(message.by, message.data)
             case m.Pong():
                 self._pong(message, time.time())
 
@@ -198,6 +291,30 @@ class Client:
             (round_trip, pong.room_t - pong.t - 0.5 * round_trip),
         ]
         self.offset = min(self._round_trips)[1]
+
+    def _all_peers(self) -> ClientPeers:
+        if self._peers is None:
+            try:
+                from synchronizar.live.client_peers import ClientPeers
+            except ModuleNotFoundError as error:
+                raise InputError("data channels", "need the extra: pip install 'synchronizar[webrtc]'") from error
+            own = self.welcome.you[0] if self.welcome.you else ""
+            self._peers = ClientPeers(own, self.say_message, self._hear_channel)
+        return self._peers
+
+    def _hear_channel(self, name: str, data: bytes) -> None:
+        """A channel's message; one that is none is as lost as any other datagram."""
+        with suppress(MessageError):
+            if name == m.ROOM:
+                poses = decode_poses_down(data)
+                self._by_channel = newest_poses(self._by_channel, poses) or self._by_channel
+                if self._woken is not None and not self._woken.done():
+                    self._woken.set_result(None)
+                return
+            for pose in decode_poses_up(data):
+                before = self.peer_poses.get(name)
+                if pose.user == 0 and (before is None or is_newer(pose.sequence, before.sequence)):
+                    self.peer_poses[name] = pose
 
     async def _ping(self) -> None:
         with suppress(ConnectionError, aiohttp.ClientError):

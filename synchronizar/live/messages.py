@@ -14,6 +14,8 @@ import msgspec
 
 PROTOCOL = 1
 """Version of all of this; a client that speaks another is refused with both numbers."""
+ROOM = "room"
+"""In whose name the room itself takes part in WebRTC; no device can have it."""
 LONGEST_NAME = 64
 MOST_USERS = 64
 """Users that one connection may host."""
@@ -228,6 +230,7 @@ class Signal(_Message, tag="signal"):
     to: str
     """A user's name, or `room` for the room itself."""
     data: dict[str, Any]
+    """To the room `{"type": "offer", "sdp": text}` with all candidates in it; among devices as they agree."""
 
 
 class Leave(_Message, tag="leave"):
@@ -351,6 +354,8 @@ class Welcome(_Message, tag="welcome"):
     udp_port: int | None = None
     app: str | None = None
     """The application that the room was started with."""
+    webrtc: bool = False
+    """Whether the room takes poses by a WebRTC data channel: `signal` to `room`."""
 
 
 class Pong(_Message, tag="pong"):

@@ -144,3 +144,18 @@ def decode_poses_down(data: bytes) -> PosesDown:
         for member, state, frame, age, xyz, xyzw in zip(*columns, strict=True)
     ]
     return PosesDown(sequence, t, poses)
+
+
+def is_newer(sequence: int, before: int) -> bool:
+    """Whether a number comes after another one, though both wrap around at 2^32."""
+    return 0 < (sequence - before) & 0xFFFFFFFF < 1 << 31
+
+
+def newest_poses(before: PosesDown | None, now: PosesDown) -> PosesDown | None:
+    """`now`, joined to `before` where both are parts of one message; None where it is older, as datagrams may be."""
+    if before is None or is_newer(now.sequence, before.sequence):
+        return now
+    if now.sequence != before.sequence:
+        return None
+    joined = {pose.member: pose for pose in (*before.poses, *now.poses)}
+    return PosesDown(now.sequence, now.t, list(joined.values()))

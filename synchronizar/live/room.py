@@ -11,7 +11,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from synchronizar.arrays import Array
 from synchronizar.geometry import YawFrame
 from synchronizar.io.datagrams import OrderDatagram, RangesDatagram, RoomKeys, encode_order
 from synchronizar.io.receiver import Receiver
@@ -22,13 +21,13 @@ from synchronizar.live.messages import MessageError
 from synchronizar.live.module_ranges import measured_ranges
 from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
+from synchronizar.live.placing import placed, told_frame
 from synchronizar.live.pose_wire import PoseDown, PosesDown, decode_poses_up, encode_poses_down
 from synchronizar.live.roster import KnownDevice, Roster
 from synchronizar.live.sleeping import Sleeping, Standing, standing_of
 from synchronizar.live.solver import Solver
 from synchronizar.live.solver_wire import AddUser, Lost, NewestRange, NewFrame, Pose, Range, Told
 from synchronizar.parameters import SleepParameters
-from synchronizar.quaternions import multiply_quaternions, yaw_quaternion
 
 UPDATES_A_SECOND = 10
 FRAMES_AT_LEAST_EVERY = 0.5
@@ -60,6 +59,19 @@ class Recorder(Protocol):
         self, t: float, a: str, b: str, frames: tuple[int, int], distance: float, optional: dict[str, Any]
     ) -> None:
         """A range that the solver is given."""
+
+
+class Peer(Protocol):
+    """A client's second way for poses, besides its connection; where it takes none, they go by the connection."""
+
+    def signalled(self, data: dict[str, Any]) -> None:
+        """What the client says to set it up."""
+
+    def send_poses(self, data: bytes) -> bool:
+        """Whether it took everybody's poses."""
+
+    def close(self) -> None:
+        """End it."""
 
 
 @dataclass
@@ -102,6 +114,7 @@ class Client:
     recorded: bool
     outbox: Outbox = field(default_factory=Outbox)
     told: Counter[str] = field(default_factory=Counter)
+    peer: Peer | None = None
 
     @property
     def name(self) -> str:
@@ -159,6 +172,8 @@ class Room:
         self.solver: Solver | None = None
         self.begun: Callable[[bool], None] | None = None
         """Hears whether time is a recording's, when the first device comes."""
+        self.open_peer: Callable[[Room, Client], Peer] | None = None
+        """Begins a client's second way for poses; None where the server has none."""
         self._recorder = recorder
         self._ranges: list[NewestRange] = []
         self._told_at = self._frames_at = self._status_at = self._asked_at = self._stood_at = -np.inf
@@ -225,6 +240,7 @@ class Room:
             *(self.code, you, m.PROTOCOL, self.time(), self._members(), self.frames, self.objects.snapshot()),
             udp_port=self.udp_port,
             app=self.app,
+            webrtc=self.open_peer is not None and not client.recorded,
         )
         client.outbox.put(m.encode(welcome))
         if devices:
@@ -234,6 +250,9 @@ class Room:
     def disconnect(self, client: Client) -> None:
         """Its connection is gone; its devices may come again."""
         self.clients.discard(client)
+        if client.peer is not None:
+            client.peer.close()
+            client.peer = None
         if not self.clients:
             self._empty_since = self.now()
         gone = [device for device in client.devices if device.client is client]
@@ -355,7 +374,9 @@ class Room:
         if self.clients:
             self._sequence += 1
             poses = encode_poses_down(PosesDown(self._sequence, t, self._poses(t)))
-            self._broadcast_latest("poses", poses)
+            for client in self.clients:
+                if client.peer is None or not client.peer.send_poses(poses):
+                    client.outbox.latest("poses", poses)
         now = self.now()
         if now - self._status_at >= STATUS_EVERY or now < self._status_at:
             self._status_at = now
@@ -504,7 +525,19 @@ class Room:
     def _signal(self, client: Client, message: m.Signal) -> None:
         if m.data_too_large(message.data):
             raise MessageError("size", f"a signal has at most {m.LARGEST_DATA} bytes as JSON")
-        self._client_of(message.to).outbox.put(m.encode(m.Signalled(self._speaker(client), message.data)))
+        if message.to == m.ROOM:
+            self._signal_to_room(client, message.data)
+        else:
+            self._client_of(message.to).outbox.put(m.encode(m.Signalled(self._speaker(client), message.data)))
+
+    def _signal_to_room(self, client: Client, data: dict[str, Any]) -> None:
+        if self.open_peer is None:
+            raise MessageError("signal", "this server has no WebRTC: send poses by this connection")
+        if client.recorded:
+            raise MessageError("signal", "a recording's poses come in order: send them by this connection")
+        if client.peer is None:
+            client.peer = self.open_peer(self, client)
+        client.peer.signalled(data)
 
     def _leave(self, client: Client) -> None:
         client.outbox.put(m.encode(m.Bye("left", "you have left the room")))
@@ -560,6 +593,8 @@ class Room:
     def _check_settings(self, user: m.UserSettings, owner: str) -> None:
         if not (is_name(user.name) and len(user.name) <= m.LONGEST_NAME):
             raise MessageError("name", f"{user.name!r} cannot be a name: 1 to {m.LONGEST_NAME} printable characters")
+        if user.name == m.ROOM:
+            raise MessageError("name", f"{m.ROOM!r} is the room itself: choose another name")
         known = self.devices.get(user.name)
         if known is not None and not secrets.compare_digest(known.owner, owner):
             raise MessageError("name", f"there is somebody called {user.name!r} already: choose another name")
@@ -587,20 +622,17 @@ class Room:
 
     def frame_of(self, name: str) -> YawFrame | None:
         """`common_from_user` of a device's present SLAM frame, in its own axes; None: not known."""
-        device, told = self.devices.get(name), self.frames.users.get(name)
-        if device is None or told is None or told.matrix is None or told.frame != device.frame:
+        device = self.devices.get(name)
+        if device is None:
             return None
-        assert told.x is not None
-        assert told.y is not None
-        assert told.z is not None
-        return YawFrame(told.x, told.y, told.z, told.yaw or 0.0, told.scale, device.settings.up)
+        return told_frame(self.frames.users.get(name), device.settings.up, device.frame)
 
     def _in_common(self, name: str, position: m.Vector, quat: m.Quaternion) -> tuple[m.Vector, m.Quaternion] | None:
         told = self.frames.users.get(name)
         frame = self.frame_of(name)
         if told is None or told.state != "registered" or frame is None:
             return None
-        return _placed(frame, position, quat)
+        return placed(frame, position, quat)
 
     def _poses(self, t: float) -> list[PoseDown]:
         out = []
@@ -612,7 +644,7 @@ class Room:
                 at, position, quat = t, (frame.x, frame.y, frame.z), (0.0, 0.0, 0.0, 1.0)
             elif device.pose is not None:
                 at, own, own_quat = device.pose
-                position, quat = _placed(frame, own, own_quat)
+                position, quat = placed(frame, own, own_quat)
             else:
                 continue
             state = self.frames.users[device.name].state
@@ -647,16 +679,6 @@ class Room:
     def _broadcast_latest(self, kind: str, word: bytes) -> None:
         for client in self.clients:
             client.outbox.latest(kind, word)
-
-
-def _placed(frame: YawFrame, position: m.Vector, quat_xyzw: m.Quaternion) -> tuple[m.Vector, m.Quaternion]:
-    x, y, z = (frame @ np.array(position)).tolist()
-    quat: Array = np.array(quat_xyzw, dtype=float)
-    quat = quat / np.linalg.norm(quat)
-    if frame.up_b != "z":
-        quat = YawFrame(up_b=frame.up_b).rotate_quaternions(quat)
-    qx, qy, qz, qw = multiply_quaternions(yaw_quaternion(frame.yaw), quat).tolist()
-    return (x, y, z), (qx, qy, qz, qw)
 
 
 def _differ(before: m.Frames, told: Told) -> bool:

@@ -31,6 +31,7 @@ from synchronizar.live.web import application
 from synchronizar.parameters import SleepParameters
 
 if TYPE_CHECKING:
+    from synchronizar.live.webrtc import RoomPeers
     from synchronizar.live.webtransport import WebTransportPort
 
 IDLE_S = 3600.0
@@ -94,6 +95,7 @@ class Server:
         self._udp: UdpPort | None = None
         self._closing_idle: asyncio.Task[None] | None = None
         self._webtransport: WebTransportPort | None = None
+        self._peers: RoomPeers | None = None
 
     async def start(self) -> dict[str, object]:
         """Listen, open a room, and say where. Raises InputError where the port is taken."""
@@ -108,6 +110,7 @@ class Server:
                 "--port", f"{options.port} cannot be listened at: {error.strerror}; choose another"
             ) from error
         port = self.port
+        self._open_webrtc()
         if self._context is not None:
             await self._open_webtransport(port)
         name = options.host if options.host not in (None, "0.0.0.0", "::") else own_addresses()[0]
@@ -128,6 +131,14 @@ class Server:
             self.options.host, port, lambda link: serve_link(link, self.lobby)
         )
         self.lobby.webtransport = self._webtransport.port, self._webtransport.certificate_sha256.hex()
+
+    def _open_webrtc(self) -> None:
+        """Data channels for whoever is connected, where the extra is installed."""
+        try:
+            from synchronizar.live.webrtc import RoomPeers
+        except ModuleNotFoundError:
+            return
+        self._peers = RoomPeers()
 
     @property
     def port(self) -> int:
@@ -175,6 +186,7 @@ class Server:
         self, room: Room, recorder: FolderRecorder | None, objects: ObjectFile | None, roster: Roster | None = None
     ) -> Room:
         host = RoomHost(room, self.options.workers, recorder, objects)
+        room.open_peer = None if self._peers is None else self._peers.open
         host.start()
         self.hosts.append(host)
         if roster is not None:
@@ -203,6 +215,8 @@ class Server:
             await self._runner.cleanup()
         for host in self.hosts:
             await host.close()
+        if self._peers is not None:
+            await self._peers.close()
 
 
 def announce(where: dict[str, object], options: ServerOptions) -> None:
