@@ -98,22 +98,22 @@ async def walk_in_room(simulation: Simulation, address: str, udp_port: int, seed
     """All devices of a walk join a room, each by a connection of its own, and walk in it as it was simulated."""
     random = np.random.default_rng(seed)
     names = [user.name for user in simulation.recording.users]
-    own = {name: _own_axes(simulation, name) for name in names}
+    own = {name: own_axes(simulation, name) for name in names}
     async with AsyncExitStack() as stack:
         clients = {
-            name: await stack.enter_async_context(await Client.join(address, [name], up=_up(simulation, name)))
+            name: await stack.enter_async_context(await Client.join(address, [name], up=up_of(simulation, name)))
             for name in names
         }
-        keys = {name: await _module_key(client, name, n) for n, (name, client) in enumerate(clients.items())}
+        keys = {name: await module_key(client, name, n) for n, (name, client) in enumerate(clients.items())}
         air = stack.enter_context(LiveAir(next(iter(keys.values())).session, udp_port, seed, stamp_sigma=STAMP_SIGMA))
         for key in keys.values():
             radio, board = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
             air.add(key.address, Carried(bytes.fromhex(key.key), radio, board))
-        _block(air, simulation, keys)
+        block(air, simulation, keys)
         began = time.time()
         seen: list[Seen] = []
         watching = asyncio.create_task(_watch(clients[names[0]], simulation, began, seen))
-        others = [asyncio.create_task(_listen(clients[name])) for name in names[1:]]
+        others = [asyncio.create_task(listen(clients[name])) for name in names[1:]]
         said = dict.fromkeys(names, 0)
         while (t := time.time() - began) < simulation.scene.seconds:
             for name in names:
@@ -122,7 +122,7 @@ async def walk_in_room(simulation: Simulation, address: str, udp_port: int, seed
                 rows = range(said[name], upto)
                 await clients[name].send_poses([(name, began + track.t[i], position[i], quat[i]) for i in rows])
                 said[name] = upto
-                air.place(keys[name].address, t, _at(simulation.truth[name], t))
+                air.place(keys[name].address, t, place_at(simulation.truth[name], t))
             await asyncio.sleep(TICK_S)
         for task in (watching, *others):
             task.cancel()
@@ -136,10 +136,10 @@ async def _watch(client: Client, simulation: Simulation, began: float, seen: lis
         names = {member.index: member.name for member in client.members.values()}
         if not isinstance(message, PosesDown) or client.frames.reference is None:
             continue
-        common_from_world = _common_from_world(simulation, client.frames.reference)
+        common_from_world = common_from_world_of(simulation, client.frames.reference)
         for pose in message.poses:
             name, t = names[pose.member], message.t - pose.age - began
-            true = common_from_world @ _at(simulation.truth[name], t)
+            true = common_from_world @ place_at(simulation.truth[name], t)
             error = float(np.linalg.norm((np.array(pose.position) - true)[:2]))
             seen.append(Seen(message.t - began, name, pose.state == "registered", error))
         if int(message.t - began) > second:
@@ -153,19 +153,21 @@ async def _watch(client: Client, simulation: Simulation, began: float, seen: lis
             print(f"{second:4d} s  " + "; ".join(states), file=sys.stderr)
 
 
-async def _listen(client: Client) -> None:
+async def listen(client: Client) -> None:
+    """Hear everything, so that what a client keeps is kept up."""
     async for _ in client.messages():
         pass
 
 
-async def _module_key(client: Client, name: str, address: int) -> m.ModuleKey:
+async def module_key(client: Client, name: str, address: int) -> m.ModuleKey:
+    """What a device's module is provisioned with."""
     await client.say_message(m.Module(name, address))
     key = await client.until(lambda message: isinstance(message, m.ModuleKey))
     assert isinstance(key, m.ModuleKey)
     return key
 
 
-def _block(air: LiveAir, simulation: Simulation, keys: Mapping[str, m.ModuleKey]) -> None:
+def block(air: LiveAir, simulation: Simulation, keys: Mapping[str, m.ModuleKey]) -> None:
     """Signals that were late in the simulated walk are late in the air."""
     ranges, users = simulation.recording.ranges, simulation.recording.users
     step = 1.0 / simulation.scene.round_hz
@@ -175,22 +177,23 @@ def _block(air: LiveAir, simulation: Simulation, keys: Mapping[str, m.ModuleKey]
         air.block(a, b, max(0.0, t - 0.5 * step), t + 0.5 * step, float(simulation.extra[row]))
 
 
-def _own_axes(simulation: Simulation, name: str) -> tuple[Any, Any]:
+def own_axes(simulation: Simulation, name: str) -> tuple[Any, Any]:
     """SLAM's positions and attitudes in the device's own axes."""
-    track, own_from_z_up = simulation.recording.tracks[name], YawFrame(up_a=_up(simulation, name))
+    track, own_from_z_up = simulation.recording.tracks[name], YawFrame(up_a=up_of(simulation, name))
     return (own_from_z_up @ track.position).tolist(), own_from_z_up.rotate_quaternions(track.quat_xyzw).tolist()
 
 
-def _up(simulation: Simulation, name: str) -> Any:
+def up_of(simulation: Simulation, name: str) -> Any:
+    """Which axis of a device points up."""
     return next(user.up for user in simulation.recording.users if user.name == name)
 
 
-def _at(track: Track, t: float) -> Array:
+def place_at(track: Track, t: float) -> Array:
     """(3,) m: the true place at a moment of the walk."""
     return np.array([np.interp(t, track.t, track.position[:, axis]) for axis in range(3)])
 
 
-def _common_from_world(simulation: Simulation, reference: str) -> YawFrame:
+def common_from_world_of(simulation: Simulation, reference: str) -> YawFrame:
     """The common frame is the reference's own at its first pose."""
     own, true = simulation.recording.tracks[reference], simulation.truth[reference]
     turned = yaw_of_quaternions(own.quat_xyzw[:1])[0] - yaw_of_quaternions(true.quat_xyzw[:1])[0]
