@@ -26,6 +26,7 @@ from synchronizar.live.pose_wire import (
     is_newer,
     newest_poses,
 )
+from synchronizar.live.round_trips import RoundTrips
 from synchronizar.live.trust import trust
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from synchronizar.live.pose_channel import PoseChannel
 
 _FIRST_PINGS, _FIRST_PING_S, _PING_S = 4, 0.1, 2.0
-_QUICKEST_OF = 8
 
 
 class Client:
@@ -62,8 +62,6 @@ class Client:
         self.status: m.Status | None = None
         self.refused: dict[str, str] = {}
         """What the room refused, by reason: the last sentence."""
-        self.offset: float | None = None
-        """s: the room's clock minus this client's `time.time()`."""
         self.peer_poses: dict[str, PoseUp] = {}
         """The newest pose of each device that says its poses to this one by a data channel, in that device's own axes
         and by its own clock."""
@@ -71,7 +69,7 @@ class Client:
         self._index = {name: i for i, name in enumerate(welcome.you)}
         self._frame = {member.name: member.frame for member in welcome.members if member.name in self._index}
         self._sequence = 0
-        self._round_trips: list[tuple[float, float]] = []
+        self._round_trips = RoundTrips()
         self._pinging: asyncio.Task[None] | None = None
         self._peers: ClientPeers | None = None
         self._receiving: asyncio.Task[aiohttp.WSMessage] | None = None
@@ -125,6 +123,11 @@ class Client:
         if time == "live" and client._index:
             client._pinging = asyncio.create_task(client._ping())
         return client
+
+    @property
+    def offset(self) -> float | None:
+        """s: the room's clock minus this client's `time.time()`."""
+        return self._round_trips.offset
 
     async def __aenter__(self) -> Client:
         return self
@@ -234,6 +237,7 @@ class Client:
                 poses = word if isinstance(word, PosesDown) else decode_poses_down(word.data)
                 if (newest := newest_poses(self.poses, poses)) is not None:
                     self.poses = newest
+                    self._round_trips.heard(newest.t, time.time())
                     yield newest
             elif word.type is aiohttp.WSMsgType.TEXT:
                 message = m.decode_from_room(word.data)
@@ -281,16 +285,7 @@ class Client:
                 if self._peers is not None:
                     self._peers.signalled(message.by, message.data)
             case m.Pong():
-                self._pong(message, time.time())
-
-    def _pong(self, pong: m.Pong, now: float) -> None:
-        """Of the recent round trips the quickest says most: half of it is what each way takes."""
-        round_trip = now - pong.t
-        self._round_trips = [
-            *self._round_trips[1 - _QUICKEST_OF :],
-            (round_trip, pong.room_t - pong.t - 0.5 * round_trip),
-        ]
-        self.offset = min(self._round_trips)[1]
+                self._round_trips.pong(message.t, message.room_t, time.time())
 
     def _all_peers(self) -> ClientPeers:
         if self._peers is None:
@@ -319,8 +314,7 @@ class Client:
     async def _ping(self) -> None:
         with suppress(ConnectionError, aiohttp.ClientError):
             for n in range(1_000_000_000):
-                quickest = min(self._round_trips)[0] if self._round_trips else None
-                await self.say_message(m.Ping(time.time(), self.offset, quickest))
+                await self.say_message(m.Ping(time.time(), self.offset, self._round_trips.quickest))
                 await asyncio.sleep(_FIRST_PING_S if n < _FIRST_PINGS else _PING_S)
 
     def _own(self, user: str) -> int:

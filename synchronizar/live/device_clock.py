@@ -1,8 +1,9 @@
 """A device's clock against the room's.
 
 A word arrives later than it was stamped, by a delay that is never below zero: the least of (arrival - stamp) over some
-seconds is the room's clock minus the device's, too large by the least delay. A device that answers pings knows half of
-its round trip and takes that out. What remains, some milliseconds, is constant, and the solver's own to find.
+seconds is the room's clock minus the device's, too large by the least delay. A device that hears pongs knows a bound
+from below, too small by the least delay of the other way: the middle of both is right where the ways are alike. What
+remains, some milliseconds, is constant, and the solver's own to find.
 """
 
 from __future__ import annotations
@@ -12,9 +13,15 @@ from collections import deque
 WINDOW_S = 20.0
 """s over which the least delay is looked for."""
 SLEWED = 0.002
-"""s per s: how fast a correction is brought in, so that stamps never run backwards."""
+"""s per s: how fast a small correction is brought in, so that stamps never run backwards."""
+SETTLED_S = 5.0
+"""s in which most of a large one is brought in: clocks that are compared over a bad network are known late."""
 STEPPED = 0.25
-"""s: two clocks do not part so far within the window; the device's clock was set anew."""
+"""s: two clocks do not part so far within the window, beyond a round trip; the device's clock was set anew."""
+SILENT_S = 5.0
+"""s: after such a silence words come that were said before it, and a device's clock may have stood still meanwhile."""
+SURE_S = 2.0
+"""s: so long what was known before a silence still counts, and then what came since."""
 _AT_FIRST_S = 2.0
 
 
@@ -25,36 +32,45 @@ class DeviceClock:
         self.steps = 0
         """How often the device's clock was set anew."""
         self._least: deque[tuple[float, float]] = deque()
-        self._offered: float | None = None
+        self._lower: float | None = None
+        self._round_trip = 0.0
         self._began: float | None = None
         self._offset: float | None = None
         self._at = 0.0
 
-    def offer(self, offset: float) -> None:
-        """The device has worked out how far the room's clock is ahead of its own (s)."""
-        self._offered = offset
+    def offer(self, offset: float, round_trip: float | None) -> None:
+        """The device has worked out how far the room's clock is ahead of its own, within half of a round trip (s)."""
+        self._round_trip = max(0.0, round_trip or 0.0)
+        self._lower = offset - 0.5 * self._round_trip
 
     def hear(self, stamp: float, arrived: float) -> float:
         """The room's time of a word that was stamped by the device and arrived at `arrived` (s, room's clock)."""
         delay = arrived - stamp
+        if self._least and arrived - self._at > SILENT_S:
+            self._least = deque([(arrived + SURE_S - WINDOW_S, self._least[0][1])])
         while self._least and self._least[-1][1] >= delay:
             self._least.pop()
         self._least.append((arrived, delay))
         while self._least[0][0] < arrived - WINDOW_S:
             self._least.popleft()
-        # What a device says of its own clock can be no more than its words allow: none arrives before it was said.
-        target = self._least[0][1]
-        if self._offered is not None and target - STEPPED < self._offered:
-            target = min(target, self._offered)
+        target = self._target()
         if self._began is None:
             self._began = arrived
         if self._offset is None or arrived - self._began < _AT_FIRST_S:
             self._offset = target
-        elif abs(target - self._offset) > STEPPED:
+        elif abs(target - self._offset) > STEPPED + self._round_trip:
             self._offset, self.steps, self._began = target, self.steps + 1, arrived
             self._least = deque([(arrived, delay)])
         else:
-            most = SLEWED * max(0.0, arrived - self._at)
-            self._offset += min(most, max(-most, target - self._offset))
+            off = target - self._offset
+            most = max(SLEWED, abs(off) / SETTLED_S) * max(0.0, arrived - self._at)
+            self._offset += min(most, max(-most, off))
         self._at = arrived
         return stamp + self._offset
+
+    def _target(self) -> float:
+        """The middle of what words of both ways allow; a bound from before the clock was set anew is none."""
+        upper = self._least[0][1]
+        if self._lower is None or not 0.0 <= upper - self._lower <= self._round_trip + STEPPED:
+            return upper
+        return 0.5 * (upper + self._lower)

@@ -450,7 +450,7 @@ class Room:
             if not client.recorded:
                 device.clock.hear(message.t, arrived)
                 if message.offset is not None:
-                    device.clock.offer(message.offset)
+                    device.clock.offer(message.offset, message.round_trip)
         client.outbox.put(m.encode(m.Pong(message.t, arrived)))
 
     def _ranges_of(self, client: Client, message: m.Ranges) -> None:

@@ -26,7 +26,7 @@ def test_stamps_are_too_late_by_the_least_delay_alone() -> None:
 
 def test_what_the_device_knows_of_its_round_trip_is_taken_out() -> None:
     clock = DeviceClock()
-    clock.offer(AHEAD)
+    clock.offer(AHEAD, 0.2)
     stamps = np.arange(0.0, 10.0, 0.05)
     off = heard(clock, stamps, np.full(len(stamps), 0.1))
     assert np.abs(off[50:]).max() < 1e-6
@@ -50,3 +50,30 @@ def test_a_clock_that_is_set_anew_is_noticed_and_followed(step: float) -> None:
     assert clock.steps == 1
     late = off[stamps > 30.0 + (25.0 if step > 0.0 else 0.0)]
     assert np.abs(late).max() < 0.01
+
+
+def test_what_the_device_knows_is_believed_on_slow_networks_too() -> None:
+    clock = DeviceClock()
+    clock.offer(AHEAD, round_trip=1.2)
+    stamps = np.arange(0.0, 10.0, 0.05)
+    off = heard(clock, stamps, np.full(len(stamps), 0.6))
+    assert np.abs(off[50:]).max() < 1e-6
+
+
+def test_words_that_were_said_before_a_silence_are_stamped_when_they_were_said() -> None:
+    """A stall of half a minute: all that was said meanwhile comes at its end."""
+    clock = DeviceClock()
+    stamps = np.arange(0.0, 90.0, 0.1)
+    arrivals = np.where((stamps > 30.0) & (stamps < 60.0), 60.0 + 0.01 * (stamps - 30.0), stamps + 0.02)
+    off = heard(clock, stamps, np.maximum.accumulate(arrivals) - stamps)
+    assert clock.steps == 0
+    assert np.abs(off).max() < 0.025
+
+
+def test_a_clock_that_stood_still_while_its_device_slept_is_followed_soon() -> None:
+    clock = DeviceClock()
+    stamps = np.arange(0.0, 60.0, 0.1)
+    ahead = np.where(stamps < 30.0, AHEAD, AHEAD + 60.0)
+    off = heard(clock, stamps, np.full(len(stamps), 0.004), ahead)
+    assert clock.steps == 1
+    assert np.abs(off[stamps > 32.2]).max() < 0.01
