@@ -8,8 +8,9 @@ import gtsam
 
 _MOST_KEYFRAMES = 10**7  # per user: keys are numbered user by user
 _MOST_USERS = 10**4  # per slot: keys are numbered slot by slot
+_EARLIER = 10**7  # slots before the first range that came: others may have been measured earlier
 # A symbol's number stands in its lower bits: these are made ten thousand times a second.
-_SLOT_POSE, _SLOT_HEIGHT, _SLOT_CALIBRATION = (int(gtsam.symbol(letter, 0)) for letter in "xhd")
+_SLOT_POSE, _SLOT_HEIGHT, _SLOT_CALIBRATION = (int(gtsam.symbol(letter, _EARLIER * _MOST_USERS)) for letter in "xhd")
 
 MEAN_HEIGHT: int = gtsam.symbol("L", 0)
 """double (m): the mean height of all SLAM origins."""

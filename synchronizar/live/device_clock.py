@@ -22,6 +22,8 @@ SILENT_S = 5.0
 """s: after such a silence words come that were said before it, and a device's clock may have stood still meanwhile."""
 SURE_S = 2.0
 """s: so long what was known before a silence still counts, and then what came since."""
+KNOWN_S, KNOWN_ROUND_TRIPS, KNOWN_AT_LAST_S = 0.3, 2.0, 2.0
+"""s and round trips until the clock of a device that pings is known; s until it is taken for known in any case."""
 _AT_FIRST_S = 2.0
 
 
@@ -34,6 +36,7 @@ class DeviceClock:
         self._least: deque[tuple[float, float]] = deque()
         self._lower: float | None = None
         self._round_trip = 0.0
+        self._asked_at: float | None = None
         self._began: float | None = None
         self._offset: float | None = None
         self._at = 0.0
@@ -42,6 +45,23 @@ class DeviceClock:
         """The device has worked out how far the room's clock is ahead of its own, within half of a round trip (s)."""
         self._round_trip = max(0.0, round_trip or 0.0)
         self._lower = offset - 0.5 * self._round_trip
+
+    def asked(self, arrived: float) -> None:
+        """The device has begun to ping: it will work out more soon."""
+        if self._asked_at is None:
+            self._asked_at = arrived
+
+    def is_known(self, now: float) -> bool:
+        """Whether stamps can be relied on; while it is new, a device that pings soon tells more than its words do."""
+        if self._asked_at is None:
+            return True
+        waited = now - self._asked_at
+        enough = KNOWN_S + KNOWN_ROUND_TRIPS * self._round_trip
+        return waited >= KNOWN_AT_LAST_S or (self._lower is not None and waited >= enough)
+
+    def convert(self, stamp: float) -> float:
+        """The room's time of a word that was heard before, by what is known now."""
+        return stamp + (self._offset or 0.0)
 
     def hear(self, stamp: float, arrived: float) -> float:
         """The room's time of a word that was stamped by the device and arrived at `arrived` (s, room's clock)."""

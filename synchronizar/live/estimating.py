@@ -63,6 +63,8 @@ class Solving:
         try:
             return self._do(command, serial)
         except ValueError as error:
+            if isinstance(command, Advance | Save | Finish):
+                raise  # no fault of what was said: a question without an answer would be waited for without end
             self._refused.append(str(error))
             return None
 

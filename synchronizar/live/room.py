@@ -22,7 +22,7 @@ from synchronizar.live.module_ranges import measured_ranges
 from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
 from synchronizar.live.placing import placed, told_frame
-from synchronizar.live.pose_wire import PoseDown, PosesDown, decode_poses_up, encode_poses_down
+from synchronizar.live.pose_wire import PoseDown, PosesDown, PoseUp, decode_poses_up, encode_poses_down
 from synchronizar.live.roster import KnownDevice, Roster
 from synchronizar.live.sleeping import Sleeping, Standing, standing_of
 from synchronizar.live.solver import Solver
@@ -42,6 +42,8 @@ TOO_OLD = 10.0
 AWAY_AFTER = 300.0
 """s: who has been away for so long is left out of what is told."""
 MOST_DEVICES = 64
+MOST_HELD = 512
+"""Poses of a device that wait until its clock is known."""
 _CHANGED_M, _CHANGED_RAD = 1e-3, 2e-4
 _LAST_ADDRESS = 0xFFFD
 
@@ -87,6 +89,8 @@ class Device:
     """How often its SLAM began anew."""
     client: Client | None = None
     clock: DeviceClock = field(default_factory=DeviceClock)
+    held: list[PoseUp] = field(default_factory=list)
+    """Poses that wait until its clock is known."""
     pose: tuple[float, m.Vector, m.Quaternion] | None = None
     """Its newest pose by the room's clock, in its own axes."""
     poses: deque[float] = field(default_factory=lambda: deque(maxlen=128))
@@ -362,6 +366,9 @@ class Room:
     def tick(self) -> None:
         """About thirty times a second: poses, objects, ten times a second the solver, once how the room is."""
         t = self.time()
+        for device in self.devices.values():
+            if device.held and device.clock.is_known(t):
+                self._give_held(device)
         if self.solver is not None and not self.recorded and t - self._asked_at >= 0.999 / UPDATES_A_SECOND:
             self._asked_at = t
             self.solver.advance(t)
@@ -447,10 +454,13 @@ class Room:
         arrived = self.now()
         for device in client.devices:
             device.round_trip = message.round_trip
-            if not client.recorded:
-                device.clock.hear(message.t, arrived)
-                if message.offset is not None:
-                    device.clock.offer(message.offset, message.round_trip)
+            if client.recorded:
+                continue
+            if message.offset is None:
+                device.clock.asked(arrived)
+            else:
+                device.clock.offer(message.offset, message.round_trip)
+            device.clock.hear(message.t, arrived)
         client.outbox.put(m.encode(m.Pong(message.t, arrived)))
 
     def _ranges_of(self, client: Client, message: m.Ranges) -> None:
@@ -544,12 +554,25 @@ class Room:
         self.disconnect(client)
         client.outbox.close()
 
-    def _take_pose(self, client: Client, device: Device, pose: Any, arrived: float) -> None:
+    def _take_pose(self, client: Client, device: Device, pose: PoseUp, arrived: float) -> None:
         if device.settings.static:
             raise MessageError("static", f"{device.name} stands still: it has no poses")
         if pose.frame != device.frame:
             raise MessageError("frame", f"a pose of frame {pose.frame}; {device.name} is in frame {device.frame}")
         t = pose.t if client.recorded else self._room_time(device, pose.t, arrived)
+        if not client.recorded and not device.clock.is_known(arrived) and len(device.held) < MOST_HELD:
+            device.held.append(pose)
+            return
+        self._give_held(device)
+        self._give_pose(device, pose, t)
+
+    def _give_held(self, device: Device) -> None:
+        held, device.held = device.held, []
+        for pose in held:
+            if pose.frame == device.frame:
+                self._give_pose(device, pose, device.clock.convert(pose.t))
+
+    def _give_pose(self, device: Device, pose: PoseUp, t: float) -> None:
         if device.pose is None or t >= device.pose[0]:
             device.pose = t, pose.position, pose.quat_xyzw
         device.poses.append(t)

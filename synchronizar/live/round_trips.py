@@ -9,10 +9,10 @@ WINDOW_S = 16.0
 
 
 class RoundTrips:
-    """Nothing comes before it was said: a word of the room bounds the room's clock minus the device's from below, one
-    that the room has answered bounds it from above. The middle is right where the quickest of both ways are alike.
+    """Bounds of the room's clock minus the device's, by that nothing comes before it was said.
 
-    Each way by itself: where much is lost, one ping and its pong are hardly ever both quick.
+    What the room says bounds it from below, what it has answered from above; the middle is right where the quickest of
+    both ways are alike. Each way by itself: where much is lost, one ping and its pong are hardly ever both quick.
     """
 
     def __init__(self) -> None:

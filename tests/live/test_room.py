@@ -128,7 +128,6 @@ def test_poses_and_ranges_reach_the_solver_by_the_rooms_clock() -> None:
     alice, _ = house.enter("alice")
     house.enter("bob")
     # Her clock counts from her own start: it is 1000 s behind the room's.
-    house.room.hear(alice, m.Ping(0.0))
     house.pose(alice, 1.0, t=0.0)
     house.clock.t += 0.5
     house.room.hear(alice, m.Ranges([m.MeasuredRange(0.25, "alice", "bob", 4.0, nlos=True)]))
@@ -136,6 +135,24 @@ def test_poses_and_ranges_reach_the_solver_by_the_rooms_clock() -> None:
     assert [(r.t, r.a, r.b, r.distance, r.optional) for r in house.solver.of(Range)] == [
         (pytest.approx(1000.25), "alice", "bob", 4.0, {"nlos": 1.0})
     ]
+
+
+def test_poses_of_a_device_that_pings_wait_until_its_clock_is_known() -> None:
+    house = House()
+    alice, _ = house.enter("alice")
+    # Her clock is 1000 s behind the room's, and each way takes 0.2 s.
+    house.room.hear(alice, m.Ping(-0.2))
+    house.pose(alice, 1.0, t=-0.2)
+    house.clock.t += 0.5
+    house.pose(alice, 2.0, t=0.3)
+    house.room.hear(alice, m.Ping(0.3, 1000.0, 0.4))
+    house.room.tick()
+    assert house.solver.of(Pose) == []
+    house.clock.t += 0.7
+    house.room.tick()
+    assert [pose.t for pose in house.solver.of(Pose)] == [pytest.approx(999.8), pytest.approx(1000.3)]
+    house.pose(alice, 3.0, t=1.0)
+    assert house.solver.of(Pose)[-1].t == pytest.approx(1001.0)
 
 
 def test_a_member_cannot_speak_for_another() -> None:

@@ -117,7 +117,7 @@ class SolverHere:
         from synchronizar.live.solver_wire import Advance
 
         told = self._solving.do(Advance(t), 0)
-        assert isinstance(told, Told)
+        assert isinstance(told, Told), self._solving._refused
         self._told(told)
 
     def finish(self, t: float) -> None:
