@@ -21,11 +21,15 @@ class RoundTrips:
     def pong(self, t: float, room_t: float, now: float) -> None:
         """A pong to the ping of `t` came at `now`, both by the device's clock; `room_t` by the room's."""
         self._upper.take(now, room_t - t)
+        if self._lower.value is not None and room_t - t < -self._lower.value:
+            self._lower.clear()
         self.heard(room_t, now)
 
     def heard(self, room_t: float, now: float) -> None:
         """A word that the room said at `room_t`, by its clock, came at `now`, by the device's."""
         self._lower.take(now, now - room_t)
+        if self._upper.value is not None and self._upper.value < room_t - now:
+            self._upper.clear()  # bounds that contradict each other: the clock stood still meanwhile, or was set
 
     @property
     def offset(self) -> float | None:
@@ -50,12 +54,15 @@ class _Lowest:
 
     def take(self, t: float, value: float) -> None:
         if self._kept and t < self._kept[-1][0]:
-            self._kept.clear()  # the clock was set back
+            self.clear()  # the clock was set back
         while self._kept and self._kept[-1][1] >= value:
             self._kept.pop()
         self._kept.append((t, value))
         while self._kept[0][0] < t - WINDOW_S:
             self._kept.popleft()
+
+    def clear(self) -> None:
+        self._kept.clear()
 
     @property
     def value(self) -> float | None:
