@@ -20,10 +20,10 @@ class RoundTrips:
 
     def pong(self, t: float, room_t: float, now: float) -> None:
         """A pong to the ping of `t` came at `now`, both by the device's clock; `room_t` by the room's."""
-        self._upper.take(now, room_t - t)
         if self._lower.value is not None and room_t - t < -self._lower.value:
             self._lower.clear()
         self.heard(room_t, now)
+        self._upper.take(now, room_t - t)
 
     def heard(self, room_t: float, now: float) -> None:
         """A word that the room said at `room_t`, by its clock, came at `now`, by the device's."""

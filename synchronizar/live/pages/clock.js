@@ -1,6 +1,7 @@
 /** A device's clock against the room's, by ping and pong. */
 
-const KEPT = 8;
+/** s over which the quickest word of each way is looked for. */
+const WINDOW_S = 16;
 
 /** s, a clock that only goes forwards and goes on after a reload: what stamps poses, pings and ranges. */
 export function deviceNow() {
@@ -12,24 +13,58 @@ export function stampOf(milliseconds) {
   return (performance.timeOrigin + milliseconds) / 1000;
 }
 
-/** How far the room's clock is ahead of the device's, from the quickest of the latest pings. */
+/** The lowest value of the last while. */
+class Lowest {
+  #kept = [];
+
+  take(t, value) {
+    if (this.#kept.length && t < this.#kept.at(-1).t) this.#kept = []; // the clock was set back
+    while (this.#kept.length && this.#kept.at(-1).value >= value) this.#kept.pop();
+    this.#kept.push({ t, value });
+    while (this.#kept[0].t < t - WINDOW_S) this.#kept.shift();
+  }
+
+  clear() {
+    this.#kept = [];
+  }
+
+  get value() {
+    return this.#kept.length ? this.#kept[0].value : null;
+  }
+}
+
+/**
+ * How far the room's clock is ahead of the device's: what the room says bounds it from below, what it has answered from
+ * above; the middle is right where the quickest of both ways are alike. As in synchronizar/live/round_trips.py.
+ */
 export class ClockOffset {
-  #pongs = [];
+  #lower = new Lowest();
+  #upper = new Lowest();
 
   /** A pong that answers a ping of `t` came at `now`, both by the device's clock; `room_t` by the room's. */
   hear({ t, room_t }, now) {
-    this.#pongs.push({ roundTrip: now - t, offset: room_t - 0.5 * (t + now) });
-    if (this.#pongs.length > KEPT) this.#pongs.shift();
+    if (this.#lower.value !== null && room_t - t < -this.#lower.value) this.#lower.clear();
+    this.heard(room_t, now);
+    this.#upper.take(now, room_t - t);
+  }
+
+  /** A word that the room said at `room_t`, by its clock, came at `now`, by the device's. */
+  heard(room_t, now) {
+    this.#lower.take(now, now - room_t);
+    // Bounds that contradict each other: the clock stood still meanwhile, or was set.
+    if (this.#upper.value !== null && this.#upper.value < room_t - now) this.#upper.clear();
   }
 
   /** {offset, roundTrip} in s, or null before the first pong. */
   get best() {
-    if (!this.#pongs.length) return null;
-    return this.#pongs.reduce((a, b) => (b.roundTrip < a.roundTrip ? b : a));
+    const [upper, lower] = [this.#upper.value, this.#lower.value];
+    if (upper === null || lower === null) return null;
+    return { offset: 0.5 * (upper - lower), roundTrip: upper + lower };
   }
 
   /** Forget: another connection. */
   clear() {
-    this.#pongs = [];
+    this.#lower.clear();
+    this.#upper.clear();
   }
 }

@@ -341,6 +341,7 @@ export class RoomClient extends EventTarget {
       // Datagrams overtake one another; many devices' poses come in several, of one number.
       if (this.#posesHeard !== null && ((poses.sequence - this.#posesHeard) | 0) < 0) return;
       this.#posesHeard = poses.sequence;
+      this.#clock.heard(poses.t, this.#heardAt);
       for (const pose of poses.poses) pose.name = this.members.get(pose.member)?.name;
       this.#tell("poses", { ...poses, poses: poses.poses.filter((pose) => pose.name !== undefined) });
       return;
