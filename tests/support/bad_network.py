@@ -27,6 +27,7 @@ TICK_S = 1.0 / 30.0
 GATHERED_S = 0.02
 """s between a range and the datagram that tells it."""
 SAYS_S = 0.5
+MOST_AGAIN_S = 1.0
 EPOCH = 7
 
 
@@ -43,7 +44,7 @@ class Network:
     jitter: float = 0.001
     """s: mean of what comes on top, exponential: datagrams overtake one another."""
     again: float = 0.5
-    """s until a lost word is sent again; twice as long each further time."""
+    """s until a lost word is sent again; twice as long the next time, but no longer than MOST_AGAIN_S."""
 
 
 GOOD = Network()
@@ -92,7 +93,7 @@ class Way:
         """Reliable and in order: one that is lost holds those after it."""
         t, again = self._time.t, self._network.again
         while self._random.random() < self._network.loss:
-            t, again = t + again, 2.0 * again
+            t, again = t + again, min(2.0 * again, MOST_AGAIN_S)
         self._last = max(self._last, t + self._delay())
         self._time.at(self._last, lambda: self._come(data))
 
@@ -136,6 +137,7 @@ class Walker:
         self.ahead = float(self.random.uniform(-500.0, 500.0))
         """s: its clock minus the room's."""
         self.asleep = False
+        self.silent = False
         self.heard: dict[str, list[int]] = defaultdict(list)
         """Numbers that the others have said, in the order in which they came."""
         self.said = 0
@@ -210,7 +212,7 @@ class Walker:
         self.poses_up.datagram(encode_poses_up([PoseUp(0, self.frame, row, self.now(), position, quat)]))
 
     def _say(self) -> None:
-        if self.client is not None and not self.asleep:
+        if self.client is not None and not self.asleep and not self.silent:
             self.said += 1
             self.up.word(m.Say("count", self.said))
 
