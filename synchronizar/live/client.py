@@ -16,7 +16,7 @@ from synchronizar.errors import InputError
 from synchronizar.live import messages as m
 from synchronizar.live.forwarding import ModuleForwarder
 from synchronizar.live.messages import MessageError
-from synchronizar.live.placing import placed, told_frame
+from synchronizar.live.peer_placing import placed, told_frame
 from synchronizar.live.pose_wire import (
     PosesDown,
     PoseUp,

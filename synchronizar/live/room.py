@@ -21,7 +21,7 @@ from synchronizar.live.messages import MessageError
 from synchronizar.live.module_ranges import measured_ranges
 from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
-from synchronizar.live.placing import placed, told_frame
+from synchronizar.live.peer_placing import placed, told_frame
 from synchronizar.live.pose_wire import PoseDown, PosesDown, PoseUp, decode_poses_up, encode_poses_down
 from synchronizar.live.roster import KnownDevice, Roster
 from synchronizar.live.sleeping import Sleeping, Standing, standing_of
