@@ -177,7 +177,7 @@ async def look_without_ar(where: dict[str, Any]) -> dict[str, Any]:
         )
         await page.goto(f"{where['url']}/phone#{where['room']}")
         await page.wait_for_url("**/room*")
-        await browser.until(page, "document.getElementById('banner').hidden === false")
+        await browser.until(page, "document.getElementById('banner').dataset.kind === 'note'")
         out["note"] = await page.inner_text("#banner p")
         out["complaints"] = complaints
         await chromium.close()
