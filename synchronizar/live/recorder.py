@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import msgspec
 
@@ -32,10 +32,20 @@ class _File:
     handle: IO[str]
     size: int
     """Bytes that are written or wait to be."""
+    lines: list[str] = field(default_factory=list)
+    """Those that wait."""
+
+
+class Gathered(NamedTuple):
+    """What is to be written; nothing else changes it any more."""
+
+    lines: list[tuple[IO[str], str]]
+    users: list[User] | None
+    """All of recording.toml, where that is another one."""
 
 
 class FolderRecorder:
-    """One room's folder. Lines are gathered and written by `flush`, which the caller calls once a second."""
+    """One room's folder. Lines are gathered; `flush` writes them, or `gather` and `write` where nobody may wait."""
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError where the folder cannot be written."""
@@ -77,15 +87,30 @@ class FolderRecorder:
         return {name: file.size for name, file in self._files.items()}
 
     def flush(self) -> None:
-        """On disk. Raises InputError where the disk is full or gone."""
+        """All on disk. Raises InputError where that is full or gone."""
+        self.write(self.gather())
+
+    def gather(self) -> Gathered:
+        """What came since the last time: to be given to `write`, which another thread may do while more comes."""
+        users = None
+        if self._settings_changed:
+            self._settings_changed = False
+            users = [user for name, user in self._users.items() if self._is_there(name)]
+        waiting = [(file.handle, "".join(file.lines)) for file in self._files.values() if file.lines]
+        for file in self._files.values():
+            file.lines.clear()
+        return Gathered(waiting, users)
+
+    def write(self, gathered: Gathered) -> None:
+        """Write it, all of it before any is waited for to be on disk. Raises InputError where that is full or gone."""
         with os_faults(self.folder):
-            if self._settings_changed:
-                self._settings_changed = False
-                there = [user for name, user in self._users.items() if self._is_there(name)]
-                write_recording_toml(self.folder / "recording.toml", there)
-            for file in self._files.values():
-                file.handle.flush()
-                os.fsync(file.handle.fileno())
+            for handle, text in gathered.lines:
+                handle.write(text)
+                handle.flush()
+            if gathered.users is not None:
+                write_recording_toml(self.folder / "recording.toml", gathered.users)
+            for handle, _ in gathered.lines:
+                os.fsync(handle.fileno())
 
     def note(self, name: str, value: Any) -> None:
         """A small file beside the recording, replaced as a whole."""
@@ -120,7 +145,7 @@ class FolderRecorder:
 
     def _write(self, name: str, line: str) -> None:
         file = self._open(name)
-        file.handle.write(line)
+        file.lines.append(line)
         file.size += len(line.encode())
 
 
