@@ -22,7 +22,7 @@ AT_ITS_ORIGIN: OwnPose = (np.inf, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 class Shown(NamedTuple):
     """A device whose frame is known."""
 
-    index: int
+    member: int
     frame: UserFrame
     y_up: bool
     static: bool
@@ -38,7 +38,7 @@ class Placing:
         tilted = np.array([QUATERNION_Z_UP_FROM_Y_UP if one.y_up and not one.static else IDENTITY for one in shown])
         self._rotation = multiply_quaternions(turned, tilted.reshape(n, 4))
         self._rows = np.zeros(n, DOWN)
-        self._rows["member"] = [one.index for one in shown]
+        self._rows["member"] = [one.member for one in shown]
         self._rows["state"] = [STATES.index(one.frame.state) for one in shown]
         self._rows["frame"] = [one.frame.frame for one in shown]
 

@@ -158,6 +158,8 @@ class Room:
         self.objects = ObjectStore(saved)
         self.frames = m.Frames(0, now(), None, {})
         self.solver: Solver | None = None
+        self.lag: Callable[[], m.Lag] | None = None
+        """How late the loop is that calls all of this."""
         self.begun: Callable[[bool], None] | None = None
         """Hears whether time is a recording's, when the first device comes."""
         self._recorder = recorder
@@ -378,7 +380,8 @@ class Room:
         }
         pairs = [m.PairRange(r.a, r.b, r.distance, r.residual, r.used, max(0.0, t - r.t)) for r in self._ranges]
         refused = self.refused + Counter({f"datagram {reason}": n for reason, n in self.receiver.refused.items()})
-        return m.Status(t, users, pairs, dict(refused), float(max(0.0, t - max(self._told_at, t - 3600.0))))
+        behind = float(max(0.0, t - max(self._told_at, t - 3600.0)))
+        return m.Status(t, users, pairs, dict(refused), behind, None if self.lag is None else self.lag())
 
     # Inside
 
