@@ -41,6 +41,11 @@ def usage_of(process: int) -> tuple[Usage, Usage]:
     return tuple(_usage([row for n, row in rows.items() if (n == process) is own]) for own in (True, False))  # type: ignore[return-value]
 
 
+def processes_below(process: int) -> list[int]:
+    """Numbers of all running processes that a process started, and of theirs."""
+    return [n for n in _below(process) if n != process]
+
+
 def _usage(rows: list[list[str]]) -> Usage:
     used = sum(int(ticks) for row in rows for ticks in row[_USED][:2]) / _TICKS
     return Usage(used, sum(int(row[_RESIDENT]) for row in rows) * _PAGE / 2**20)
