@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
 from pathlib import Path
 from time import perf_counter
@@ -168,17 +169,21 @@ def _sigma(covariance: Array | None) -> float | None:
 
 
 def serve(commands: BinaryIO, replies: BinaryIO) -> None:
-    """Solve until nothing more comes."""
+    """Solve until nothing more comes, or nobody hears what is known."""
     solving: Solving | None = None
-    while (block := _read(commands)) is not None:
-        if solving is None:
-            solving = Solving(begin_decoder.decode(block))
-            continue
-        decoded = block_decoder.decode(block)
-        for command in decoded.commands:
-            if (reply := solving.do(command, decoded.serial)) is not None:
-                replies.write(framed(reply))
-        replies.flush()
+    try:
+        while (block := _read(commands)) is not None:
+            if solving is None:
+                solving = Solving(begin_decoder.decode(block))
+                continue
+            decoded = block_decoder.decode(block)
+            for command in decoded.commands:
+                if (reply := solving.do(command, decoded.serial)) is not None:
+                    replies.write(framed(reply))
+            replies.flush()
+    except BrokenPipeError:
+        # The server was killed; what is left in the buffer must not be tried again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), replies.fileno())
     if solving is not None:
         solving.close()
 
