@@ -24,6 +24,7 @@ import tempfile
 import time
 from asyncio.subprocess import Process
 from bisect import bisect_right
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -56,7 +57,7 @@ class Said(NamedTuple):
 
     wall: float
     """s since 1970."""
-    key: tuple[float, ...]
+    key: tuple[str, ...]
     """By which it is found in the recording."""
 
 
@@ -128,7 +129,7 @@ async def walk(house: House, recording: Recording, name: str, began: float, said
                     ]
                     pose = upto
                     await client.send_poses(poses)
-                    said += [Said(time.time(), tuple(np.round(xyz, 6).tolist())) for _, _, xyz, _ in poses]
+                    said += [Said(time.time(), _key(xyz)) for _, _, xyz, _ in poses]
                     upto = bisect_right(at, now)
                     measured = [
                         m.MeasuredRange(began + at[i], name, names[ranges.b[own[i]]], float(ranges.distance[own[i]]))
@@ -138,10 +139,15 @@ async def walk(house: House, recording: Recording, name: str, began: float, said
                     row = upto
                     if measured:
                         await client.send_ranges(measured)
-                        said += [Said(time.time(), (one.distance,)) for one in measured]
+                        said += [Said(time.time(), _key([one.distance])) for one in measured]
                     await asyncio.sleep(BEAT_S)
         except (InputError, ConnectionError):
             await asyncio.sleep(0.1)
+
+
+def _key(numbers: Sequence[float]) -> tuple[str, ...]:
+    """As they are written."""
+    return tuple(f"{number:.9f}" for number in numbers)
 
 
 async def _hear(client: Client) -> None:
@@ -175,8 +181,8 @@ class Killed(NamedTuple):
     """s until all were registered again who were so; infinite for never, NaN where nobody was."""
     left: int
     """Processes of it that still ran."""
-    went_on: float
-    """s since 1970: when all were there again."""
+    up: float
+    """s since 1970: when there was a server again; what was said to none until then is not lost by one."""
 
 
 def registered(frames: m.Frames | None) -> set[str]:
@@ -199,13 +205,13 @@ async def kill(house: House, what: str, watched: Watched) -> Killed | None:
         await house.process.wait()
         watched.frames = None
         await house.start("--resume")
-    back = np.inf
+    up, back = time.time() if what == "server" else at, np.inf
     while time.time() - at < GIVEN_UP_S:
         if watched.frames is not None and watched.frames.t > at and before <= registered(watched.frames):
             back = time.time() - at
             break
         await asyncio.sleep(0.02)
-    return Killed(at, back if before else np.nan, await left, time.time())
+    return Killed(at, back if before else np.nan, await left, up)
 
 
 async def _left(processes: list[int]) -> int:
@@ -245,7 +251,7 @@ async def session(what: str, kills: int, users: int, seed: int) -> dict[str, Any
         house.process.terminate()
         await house.process.wait()
         (room,) = (house.folder / "rooms").iterdir()
-        oldest, older = lost(said, Recording.load(room), [one.at for one in killed], end)
+        oldest, older = lost(said, Recording.load(room), killed, end)
     back = np.array([one.back for one in killed if not np.isnan(one.back)])
     return {
         "killed": what,
@@ -267,11 +273,15 @@ async def _until_all(watched: Watched, users: int) -> None:
         await asyncio.sleep(0.05)
 
 
-def lost(said: list[Said], recorded: Recording, kills: list[float], end: float) -> tuple[float, int]:
+def lost(said: list[Said], recorded: Recording, killed: list[Killed], end: float) -> tuple[float, int]:
     """How old (s) the oldest was at the next kill that is not in the recording, and how many were older than 1 s."""
-    there = {tuple(row) for track in recorded.tracks.values() for row in np.round(track.position, 6).tolist()}
-    there |= {(distance,) for distance in recorded.ranges.distance.tolist()}
-    ages = [min((k for k in kills if k >= one.wall), default=end) - one.wall for one in said if one.key not in there]
+    there = {_key(row) for track in recorded.tracks.values() for row in track.position.tolist()}
+    there |= {_key([distance]) for distance in recorded.ranges.distance.tolist()}
+    ages = [
+        min((one.at for one in killed if one.at >= word.wall), default=end) - word.wall
+        for word in said
+        if word.key not in there and not any(one.at <= word.wall <= one.up for one in killed)
+    ]
     return max(ages, default=0.0), sum(age > LOST_S for age in ages)
 
 

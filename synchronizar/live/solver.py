@@ -36,6 +36,7 @@ _MOST_UNANSWERED = 2
 """Questions on their way at most: what comes meanwhile goes in one block, so that a slow solver skips moments."""
 _MOST_KEPT = 200_000
 """Commands that are kept while there is no state yet."""
+_ENDS_WITHIN_S = 0.5
 _QUICK_DEATHS = 3
 _QUICK_S = 2.0
 
@@ -185,9 +186,12 @@ class SolverProcess:
                 (size,) = LENGTH.unpack(await process.stdout.readexactly(LENGTH.size))
                 self._hear(reply_decoder.decode(await process.stdout.readexactly(size)))
         finally:
-            with suppress(ProcessLookupError):
+            # It has ended, or is about to: to kill it at once would reap it before the loop does, which warns.
+            try:
+                await asyncio.wait_for(process.wait(), _ENDS_WITHIN_S)
+            except TimeoutError:
                 process.kill()
-            await process.wait()
+                await process.wait()
             self._process = None
 
     def _send(self) -> None:
