@@ -306,7 +306,7 @@ async def _in_rooms(
         while len(joins) < rooms:
             async with session.post(f"{base.scheme}://{base.netloc}/api/rooms") as response:
                 joins.append((await response.json())["join"])
-    begin = time.time() + 10.0 + 0.15 * devices
+    begin = time.time() + 6.0 + 0.1 * devices
     tasks = []
     for room, join in enumerate(joins):
         total = len(range(room, devices, rooms))
