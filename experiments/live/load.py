@@ -165,7 +165,7 @@ async def _generate(task: Task) -> Heard:
             if in_air:
                 doing.append(_fly(radios, {device: keys[device] for device in in_air}, task))
             await asyncio.gather(*doing)
-        await asyncio.sleep(max(0.0, task.begin + task.seconds - time.time()))
+        await asyncio.sleep(max(QUIET_S, task.begin + task.seconds - time.time()))
         for listener in listening:
             if listener.done():
                 raise ConnectionError("the room has ended a connection")
@@ -306,7 +306,7 @@ async def _in_rooms(
         while len(joins) < rooms:
             async with session.post(f"{base.scheme}://{base.netloc}/api/rooms") as response:
                 joins.append((await response.json())["join"])
-    begin = time.time() + 6.0 + 0.1 * devices
+    begin = time.time() + 10.0 + 0.3 * devices
     tasks = []
     for room, join in enumerate(joins):
         total = len(range(room, devices, rooms))
@@ -361,10 +361,14 @@ def lost_words(heard: list[Heard]) -> int:
     return abs(said - sum(map(len, numbers))) + sum(a >= b for of in numbers for a, b in pairwise(of))
 
 
+def quantile_ms(delays: Counts, share: float) -> int:
+    """Of counts by ms."""
+    return int(np.searchsorted(np.cumsum(delays), share * delays.sum()))
+
+
 def row_of(devices: int, load: Load) -> dict[str, Any]:
     """A line of the table."""
     delays = np.sum([one.delays for one in load.heard], axis=0)
-    among = np.cumsum(delays) / max(1, delays.sum())
     first = next((at for at in load.usage if at[0] > 60.0), load.usage[len(load.usage) // 2])
     begun = next(at for at in load.usage if at[0] > 0.0)
     last = load.usage[-1]
@@ -375,8 +379,8 @@ def row_of(devices: int, load: Load) -> dict[str, Any]:
         "loop p50 ms": max(lag.median for lag in load.lag),
         "loop p99 ms": max(lag.p99 for lag in load.lag),
         "of the median minute": float(np.median([lag.p99 for lag in load.lag])),
-        "poses p50 ms": int(np.searchsorted(among, 0.5)),
-        "poses p99 ms": int(np.searchsorted(among, 0.99)),
+        "poses p50 ms": quantile_ms(delays, 0.5),
+        "poses p99 ms": quantile_ms(delays, 0.99),
         "words": sum(len(numbers) for one in load.heard for numbers in one.words.values()),
         "words lost": lost_words(load.heard),
         "behind s, median": float(np.median(load.behind)),
