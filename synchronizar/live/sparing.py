@@ -12,7 +12,7 @@ from synchronizar.live.solver_wire import Command, Pose, Range
 BEHIND_S, UP_S = 1.5, 0.5
 """s behind from which more is spared, and below which less is."""
 MORE_EVERY, LESS_EVERY = 2.0, 10.0
-"""s between two such steps."""
+"""s for which that has to last for each such step."""
 POSES_S = (0.0, 1 / 30, 1 / 30, 1 / 15, 1 / 15, 1 / 15)
 """s at least between two poses of a device, by how far it has gone: half of 60 a second, a quarter of it."""
 RANGES_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6)
@@ -24,18 +24,19 @@ class Sparing:
 
     def __init__(self) -> None:
         self.step = 0
-        self._stepped = -float("inf")
+        self._late_since: float | None = None
+        self._up_since: float | None = None
         self._last: dict[str | tuple[str, str], float] = {}
 
     def update(self, t: float, behind: float) -> bool:
         """It is `t`, and the solver is so far behind; whether another share is spared from now on."""
-        before, since = self.step, t - self._stepped
-        if behind > BEHIND_S and since >= MORE_EVERY:
-            self.step = min(self.step + 1, len(RANGES_S) - 1)
-        elif behind < UP_S and since >= LESS_EVERY:
-            self.step = max(self.step - 1, 0)
-        if self.step != before:
-            self._stepped = t
+        before = self.step
+        self._late_since = None if behind <= BEHIND_S else t if self._late_since is None else self._late_since
+        self._up_since = None if behind >= UP_S else t if self._up_since is None else self._up_since
+        if self._late_since is not None and t - self._late_since >= MORE_EVERY:
+            self.step, self._late_since = min(self.step + 1, len(RANGES_S) - 1), t
+        elif self._up_since is not None and t - self._up_since >= LESS_EVERY:
+            self.step, self._up_since = max(self.step - 1, 0), t
         return self.step != before
 
     def takes(self, command: Command) -> bool:

@@ -25,13 +25,16 @@ def test_who_keeps_up_is_told_everything() -> None:
 
 def test_who_falls_behind_is_told_less_step_by_step_and_everything_again_when_it_has_kept_up_for_a_while() -> None:
     sparing, t, counts = Sparing(), 0.0, []
+    sparing.update(t, 5.0)
     for _ in RANGES_S:
         counts.append(taken(sparing, t))
+        assert not sparing.update(t + 0.5 * MORE_EVERY, 5.0)
         t += MORE_EVERY
         sparing.update(t, 5.0)
-        assert not sparing.update(t + 0.5 * MORE_EVERY, 5.0)
     assert counts == [(480, 320), (240, 80), (240, 40), (120, 20), (120, 10), (120, 5)]
     assert not sparing.update(t + MORE_EVERY, 60.0)  # there is no further step
+    t += MORE_EVERY
+    sparing.update(t, 0.1)
     for step in reversed(range(len(RANGES_S) - 1)):
         t += LESS_EVERY
         assert sparing.update(t, 0.1)
@@ -39,9 +42,17 @@ def test_who_falls_behind_is_told_less_step_by_step_and_everything_again_when_it
     assert taken(sparing, t) == (480, 320)
 
 
+def test_who_is_behind_for_a_moment_is_told_everything() -> None:
+    """As after a solver that was begun again, or a computer that slept."""
+    sparing = Sparing()
+    for n in range(100):
+        assert not sparing.update(0.1 * n, 3600.0 if n % 15 else 0.2)
+
+
 def test_what_is_no_measurement_is_always_told_and_what_comes_late_too() -> None:
     sparing = Sparing()
-    sparing.update(10.0, 5.0)
+    sparing.update(8.0, 5.0)
+    assert sparing.update(10.0, 5.0)
     assert all(sparing.takes(Lost("alice")) for _ in range(5))
     assert sparing.takes(Range(10.0, "alice", "bob", 3.0, {}))
     assert not sparing.takes(Range(10.05, "bob", "alice", 3.0, {}))
