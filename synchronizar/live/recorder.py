@@ -52,6 +52,7 @@ class FolderRecorder:
         self.folder = folder
         self._files: dict[str, _File] = {}
         self._users: dict[str, User] = {}
+        self._names: dict[tuple[str, int], str] = {}
         self._settings_changed = False
         with os_faults(folder):
             (folder / "tracks").mkdir(parents=True, exist_ok=True)
@@ -69,18 +70,20 @@ class FolderRecorder:
 
     def pose(self, user: str, session: int, t: float, position: m.Vector, quat_xyzw: m.Quaternion) -> None:
         """A pose, by the room's clock, in the device's own axes."""
-        numbers = " ".join(f"{x:.9f}" for x in (t, *position, *quat_xyzw))
-        self._write(f"tracks/{recorded_name(user, session)}.tum", numbers + "\n")
+        x, y, z = position
+        qx, qy, qz, qw = quat_xyzw
+        line = f"{t:.9f} {x:.9f} {y:.9f} {z:.9f} {qx:.9f} {qy:.9f} {qz:.9f} {qw:.9f}\n"
+        self._write(f"tracks/{recorded_name(user, session)}.tum", line)
 
     def range(
         self, t: float, a: str, b: str, sessions: tuple[int, int], distance: float, optional: dict[str, Any]
     ) -> None:
         """A range, by the room's clock; none of a device that has not said any pose, which no recording can have."""
-        names = [recorded_name(user, session) for user, session in zip((a, b), sessions, strict=True)]
-        if not all(self._is_there(name) for name in names):
+        written_as = [self._written_as(user, session) for user, session in zip((a, b), sessions, strict=True)]
+        if None in written_as:
             return
-        values = [f"{t:.9f}", *map(_quoted, names), repr(distance), *(_text(optional.get(name)) for name in OPTIONAL)]
-        self._write("ranges.csv", ",".join(values) + "\n")
+        values = [_text(optional[name]) if name in optional else "" for name in OPTIONAL]
+        self._write("ranges.csv", f"{t:.9f},{written_as[0]},{written_as[1]},{distance!r},{','.join(values)}\n")
 
     def offsets(self) -> dict[str, int]:
         """Bytes of each file that hold all that was recorded until now."""
@@ -129,6 +132,12 @@ class FolderRecorder:
         for file in self._files.values():
             file.handle.close()
         self._files.clear()
+
+    def _written_as(self, user: str, session: int) -> str | None:
+        """Its name in ranges.csv; None while a recording cannot have it."""
+        if (user, session) not in self._names and self._is_there(name := recorded_name(user, session)):
+            self._names[user, session] = _quoted(name)
+        return self._names.get((user, session))
 
     def _is_there(self, name: str) -> bool:
         """Whether a recording can have this user: a radio that stands still, or a device with a pose."""
