@@ -41,7 +41,8 @@ from synchronizar.live.solver_wire import (
     framed,
 )
 
-_NOBODY = "nobody is in the room yet"
+_DECIMALS = 9
+"""Nanometres, of matrices that go to everybody ten times a second: further digits are half of the bytes."""
 
 
 class Solving:
@@ -147,13 +148,13 @@ def _told(user: UserRegistration, frame: int) -> UserFrame:
         state=str(user.state),  # type: ignore[arg-type]
         reason=user.reason,
         frame=frame,
-        matrix=None if own is None else own.matrix.tolist(),
+        matrix=None if own is None else own.matrix.round(_DECIMALS).tolist(),
         x=place["x"],
         y=place["y"],
         z=place["z"],
         yaw=place["yaw"],
         scale=1.0 if own is None else own.scale,
-        covariance=covariance_json(user.covariance),
+        covariance=covariance_json(None if user.covariance is None else user.covariance.round(_DECIMALS)),
         sigma=_sigma(user.covariance),
         clock_offset=user.clock_offset,
         progress=user.progress,

@@ -34,6 +34,8 @@ from synchronizar.quaternions import multiply_quaternions, yaw_quaternion
 UPDATES_A_SECOND = 10
 FRAMES_AT_LEAST_EVERY = 0.5
 """s between frames that are told though nothing has changed."""
+MOVES_EVERY = 0.19
+"""s between frames that are told because somebody's place changed, and nothing else."""
 STATUS_EVERY = 1.0
 STANDINGS_EVERY = 0.5
 """s between looks at whose modules are needed."""
@@ -165,6 +167,7 @@ class Room:
         self._recorder = recorder
         self._ranges: list[NewestRange] = []
         self._placing: tuple[list[Device], Placing] | None = None
+        self._untold = False
         self._told_at = self._frames_at = self._status_at = self._asked_at = self._stood_at = -np.inf
         self._empty_since = now()
         self._sequence = 0
@@ -321,12 +324,13 @@ class Room:
         self._ranges = told.ranges
         if told.events:
             self._broadcast(m.Events(told.t, told.events))
-        changed = _differ(self.frames, told)
-        version = self.frames.version + changed
-        self.frames = m.Frames(version, told.t, told.reference, told.users)
+        news, moved = _is_news(self.frames, told), _moved(self.frames, told)
+        self.frames = m.Frames(self.frames.version + (news or moved), told.t, told.reference, told.users)
         self._placing = None
-        if changed or told.t - self._frames_at >= FRAMES_AT_LEAST_EVERY or told.t < self._frames_at:
-            self._frames_at = told.t
+        self._untold = self._untold or moved
+        since = told.t - self._frames_at
+        if news or (self._untold and since >= MOVES_EVERY) or not 0.0 <= since < FRAMES_AT_LEAST_EVERY:
+            self._frames_at, self._untold = told.t, False
             self._broadcast_latest("frames", m.encode(self.frames))
         self.objects.place_waiting(self._in_common, self.time())
 
@@ -673,15 +677,22 @@ def _own_pose(device: Device, t: float) -> OwnPose | None:
     return AT_ITS_ORIGIN if device.settings.static else device.pose
 
 
-def _differ(before: m.Frames, told: Told) -> bool:
-    """Whether anything of it is news."""
+def _is_news(before: m.Frames, told: Told) -> bool:
+    """Whether anything is another one that is no number."""
     if before.reference != told.reference or before.users.keys() != told.users.keys():
         return True
+    return any(_kind(before.users[name]) != _kind(now) for name, now in told.users.items())
+
+
+def _kind(user: m.UserFrame) -> tuple[str, int, str | None, bool]:
+    return user.state, user.frame, user.cue, user.matrix is None
+
+
+def _moved(before: m.Frames, told: Told) -> bool:
+    """Whether anybody's frame lies elsewhere."""
     for name, now in told.users.items():
-        was = before.users[name]
-        if (was.state, was.frame, was.cue, was.matrix is None) != (now.state, now.frame, now.cue, now.matrix is None):
-            return True
-        if now.matrix is None:
+        was = before.users.get(name)
+        if was is None or now.matrix is None:
             continue
         moved = [(a or 0.0) - (b or 0.0) for a, b in zip((was.x, was.y, was.z), (now.x, now.y, now.z), strict=True)]
         if max(map(abs, moved)) > _CHANGED_M or abs((was.yaw or 0.0) - (now.yaw or 0.0)) > _CHANGED_RAD:
