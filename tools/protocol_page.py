@@ -49,7 +49,7 @@ def page() -> str:
     parts.append(_section(messages.MeasuredRange))
     parts.append("## From the room\n\n")
     parts += [_section(kind) for kind in get_args(messages.FromRoom)]
-    inner = (messages.Member, messages.UserFrame, messages.Object, messages.PairRange, messages.Health)
+    inner = (messages.Member, messages.UserFrame, messages.Object, messages.PairRange, messages.Health, messages.Lag)
     parts += [_section(kind) for kind in inner]
     parts.append(
         "## Poses, in bytes\n\nAll numbers are little-endian; f4 and f8 are IEEE 754 floats of 4 and 8 bytes.\n\n"

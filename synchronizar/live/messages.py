@@ -20,7 +20,7 @@ MOST_USERS = 64
 MOST_RANGES = 512
 """Ranges in one message."""
 LARGEST_MESSAGE = 64 * 1024
-"""Bytes of one message, text or binary."""
+"""Bytes of one message of a client, text or binary; what a room says is as large as the room."""
 LARGEST_DATA = 8 * 1024
 """Bytes of an object's or a said message's `data`, as JSON."""
 
@@ -406,6 +406,14 @@ class Health(_Message, omit_defaults=False):
     """How many of its words were refused, by reason."""
 
 
+class Lag(_Message, omit_defaults=False):
+    """How late the server's loop comes to what is due, ms, over the last minute."""
+
+    median: float
+    p99: float
+    """More than 20 ms: the server has more to do than its machine has time."""
+
+
 class Status(_Message, tag="status"):
     """How the room is, once a second."""
 
@@ -416,6 +424,8 @@ class Status(_Message, tag="status"):
     """Of datagrams and connections that could not be told to be anybody's, by reason."""
     behind: float
     """s: how far the solver is behind the room's clock."""
+    lag: Lag | None = None
+    """Of the server; null where nobody watches it."""
 
 
 class Said(_Message, tag="said"):
@@ -485,7 +495,7 @@ def encode(message: msgspec.Struct) -> bytes:
 
 def decode_from_client(data: bytes | str) -> FromClient:
     """What a client says. Raises MessageError for anything else."""
-    return _checked(_from_client, data)
+    return _short(_from_client, data)
 
 
 def decode_from_room(data: bytes | str) -> FromRoom:
@@ -495,7 +505,7 @@ def decode_from_room(data: bytes | str) -> FromRoom:
 
 def decode_join(data: bytes) -> Join:
     """What somebody who joins asks for. Raises MessageError for anything else."""
-    return _checked(_join, data)
+    return _short(_join, data)
 
 
 def decode_joined(data: bytes) -> Joined:
@@ -503,10 +513,14 @@ def decode_joined(data: bytes) -> Joined:
     return _checked(_joined, data)
 
 
-def _checked(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
-    """JSON refuses NaN and infinities by itself; numbers beyond a double's are infinite and refused as well."""
+def _short(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
     if len(data) > LARGEST_MESSAGE:
         raise MessageError("size", f"a message has at most {LARGEST_MESSAGE} bytes")
+    return _checked(decoder, data)
+
+
+def _checked(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
+    """JSON refuses NaN and infinities by itself; numbers beyond a double's are infinite and refused as well."""
     try:
         return decoder.decode(data)
     except msgspec.ValidationError as error:
