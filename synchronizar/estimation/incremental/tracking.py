@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Hashable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from synchronizar._core import burst_nlos_odds_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.innovations import Innovations
+from synchronizar.estimation.incremental.kept import kept, restore_kept
 from synchronizar.estimation.incremental.slot_ranges import (
     DISTANCE,
     LINK,
@@ -111,6 +112,11 @@ class NewRanges(NamedTuple):
 
 class Tracking:
     """The users who are followed, their slots and ranges, and the graph over these."""
+
+    KEPT: ClassVar[tuple[str, ...]] = (
+        *("assumed_clock", "noise", "height_spread", "height_weight", "members", "origin", "_waiting", "_weight"),
+        *("_size", "_judged_at", "_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
+    )
 
     def __init__(self, users: tuple[User, ...], streams: list[PoseStream | None], parameters: Parameters) -> None:
         """`streams` of all k users; None for static radios."""
@@ -600,14 +606,12 @@ class Tracking:
 
     def state(self) -> dict[str, Any]:
         """All of it but for users and streams, as `restore` takes it."""
-        known = {name: getattr(self, name) for name in _KEPT}
         tables = {"ranges": self.ranges.rows.copy(), "slots": self.slots.to_table()}
-        return known | tables | {"follower": self.follower.to_state()}
+        return kept(self) | tables | {"follower": self.follower.to_state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """What `state` told of. KeyError, ValueError or RuntimeError where it does not fit together."""
-        for name in _KEPT:
-            setattr(self, name, state[name])
+        restore_kept(self, state)
         self.ranges = SlotRanges()
         self.ranges.restore(state["ranges"])
         self.slots = SlotStates(len(self.users))
@@ -625,12 +629,6 @@ class Tracking:
         if kind == "prior":
             return self._prior_of(name)
         return self._tying(*name) if kind in ("step", "walk") else self._holding(*name)
-
-
-_KEPT = (
-    *("assumed_clock", "noise", "height_spread", "height_weight", "members", "origin", "_waiting", "_weight", "_size"),
-    *("_judged_at", "_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
-)
 
 
 def _links(ranges: NewRanges) -> Indices:
