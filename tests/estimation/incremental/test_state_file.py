@@ -36,7 +36,7 @@ BY_A_METHOD = {
     },
     "Roster": {"users", "reference", "streams"},
     "Following": {"tracking", "contradictions"},
-    "Tracking": {"follower", "ranges", "slots"},
+    "Tracking": {"follower", "ranges", "slots", "weighing"},
 }
 """What a part of an engine keeps in some other way than by its attributes' names."""
 NOT_KEPT = {
@@ -44,6 +44,7 @@ NOT_KEPT = {
     "Roster": {"parameters"},
     "Following": {"_roster", "_log", "members"},
     "Tracking": {"users", "streams", "parameters", "_loss"},
+    "RangeWeighing": {"_parameters", "_loss"},
     "Schedule": {"_roster", "_following"},
     "Findings": {"_roster", "_following", "_verdicts"},
     "Judging": {"_roster", "_log", "_following", "_schedule"},
@@ -129,8 +130,9 @@ def test_what_is_saved_twice_is_written_to_the_last_bit(tmp_path: Path) -> None:
 
 def test_nothing_that_an_engine_knows_is_left_out() -> None:
     engine = walked(1.0)
-    parts = [engine.roster, engine.following, engine.following.tracking, engine.schedule, engine.findings]
-    for part in [engine, *parts, engine._judging, engine._cueing]:
+    tracking = engine.following.tracking
+    followed = [engine.following, tracking, tracking.weighing]
+    for part in [engine, engine.roster, *followed, engine.schedule, engine.findings, engine._judging, engine._cueing]:
         name = type(part).__name__
         known = {*getattr(part, "KEPT", ()), *BY_A_METHOD.get(name, ()), *NOT_KEPT[name]}
         assert set(vars(part)) == known, name
