@@ -20,7 +20,7 @@ DOCS = REPOSITORY / "docs"
 PAGES = sorted(
     file
     for file in REPOSITORY.rglob("*.md")
-    if not set(file.relative_to(REPOSITORY).parts) & {".venv", "build", ".pytest_cache", "demo"}
+    if not set(file.relative_to(REPOSITORY).parts) & {".venv", "build", ".pytest_cache", "demo", "node_modules"}
 )
 WORDS_OF_README = 700
 
