@@ -159,7 +159,7 @@ class BlockingClient:
     def until(
         self, wanted: Callable[[m.FromRoom | PosesDown], bool], timeout: float | None = None
     ) -> m.FromRoom | PosesDown:
-        """The next message of that kind, of whatever type.
+        """The first message of that kind that comes, of whatever type, or that waits for `messages`: it is taken there.
 
         Raises TimeoutError after `timeout` seconds without, ConnectionError where none comes any more.
         """
@@ -190,6 +190,14 @@ class BlockingClient:
     async def _next(
         self, wanted: Callable[[m.FromRoom | PosesDown], bool], timeout: float | None
     ) -> m.FromRoom | PosesDown:
+        # An answer may have come before it is waited for.
+        with self._heard:
+            told = list(self._waiting)
+        for message in told:
+            if wanted(message):
+                with self._heard, suppress(ValueError):  # somebody else has taken it in the meantime
+                    self._waiting.remove(message)
+                return message
         if self._ended:
             raise ConnectionError("the room has ended the connection")
         waiting: _Wanted = (wanted, self._loop.create_future())
@@ -214,18 +222,20 @@ class BlockingClient:
                 future.set_exception(failure)
 
     def _hand_on(self, message: m.FromRoom | PosesDown) -> None:
-        if not isinstance(message, _LATEST_ONLY):
-            with self._heard:
-                self._waiting.append(message)
-                self._heard.notify_all()
+        taken = False
         for wanted, future in self._wanted:
             if future.done():
                 continue
             try:
                 if wanted(message):
                     future.set_result(message)
+                    taken = True
             except Exception as error:  # it is the caller's, not the connection's
                 future.set_exception(error)
+        if not taken and not isinstance(message, _LATEST_ONLY):
+            with self._heard:
+                self._waiting.append(message)
+                self._heard.notify_all()
 
 
 def _run(loop: asyncio.AbstractEventLoop) -> None:

@@ -67,6 +67,19 @@ def test_what_is_told_once_waits_in_order_until_it_is_asked_for() -> None:
     beside_a_server(blocking)
 
 
+def test_an_answer_that_came_before_it_was_waited_for_is_there_once() -> None:
+    def blocking(address: str) -> None:
+        with BlockingClient.join(address, ["alice"]) as client:
+            client.say_message(m.Module("alice", 7))
+            client.until(lambda said: isinstance(said, m.Frames), 60.0)  # words come in order: the key is there
+            key = client.until(lambda said: isinstance(said, m.ModuleKey), 60.0)
+            assert isinstance(key, m.ModuleKey)
+            assert key.address == 7
+            assert not any(isinstance(message, m.ModuleKey) for message in client.messages(timeout=0.0))
+
+    beside_a_server(blocking)
+
+
 def test_who_waits_hears_that_the_connection_has_ended() -> None:
     def blocking(address: str) -> None:
         first = BlockingClient.join(address, ["alice"])
