@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import sys
 from asyncio.subprocess import PIPE, Process
 from collections import deque
@@ -153,9 +155,8 @@ class SolverProcess:
     async def close(self) -> None:
         """End the process."""
         self.closed = True
-        if self._process is not None and self._process.returncode is None:
-            with suppress(ProcessLookupError):
-                self._process.terminate()
+        if self._process is not None:
+            _signal(self._process, signal.SIGTERM)
             await self._process.wait()
 
     async def _run_once(self) -> None:
@@ -176,8 +177,7 @@ class SolverProcess:
                 (size,) = LENGTH.unpack(await process.stdout.readexactly(LENGTH.size))
                 self._hear(reply_decoder.decode(await process.stdout.readexactly(size)))
         finally:
-            with suppress(ProcessLookupError):
-                process.kill()
+            _signal(process, signal.SIGKILL)
             await process.wait()
             self._process = None
 
@@ -222,3 +222,10 @@ class SolverProcess:
         self._kept_commands = sum(len(block.commands) for block in self._kept)
         self._unanswered.clear()
         self._drained.set()
+
+
+def _signal(process: Process, number: signal.Signals) -> None:
+    """Not by its own methods: they look first whether it has ended, and take its status away from who waits for it."""
+    if process.returncode is None:
+        with suppress(ProcessLookupError):
+            os.kill(process.pid, number)
