@@ -5,7 +5,7 @@
 
 import { RoomClient, monotonic, toOwn } from "./client.js";
 
-const [POSES_HZ, RANGES_EVERY, SETTLED_S, GIVE_UP_S] = [30, 3, 6, 60];
+const [POSES_HZ, RANGES_EVERY, SETTLED_S, GIVE_UP_S] = [30, 3, 6, 120];
 
 // Where the two are, in m, in axes of a hall that neither knows.
 const walks = {

@@ -51,7 +51,7 @@ def test_two_walkers_in_node_find_each_other(installed: Path, address: str) -> N
     ]
     try:
         for walker, peer in zip(walkers, ("bob", "alice"), strict=True):
-            said, _ = walker.communicate(timeout=90)
+            said, _ = walker.communicate(timeout=150)
             assert walker.returncode == 0, said
             assert f"{peer}: registered" in said
             error = re.search(r"^error: ([\d.]+) m$", said, flags=re.MULTILINE)
