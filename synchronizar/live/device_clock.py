@@ -30,6 +30,11 @@ class DeviceClock:
         self._offset: float | None = None
         self._at = 0.0
 
+    def reconnect(self) -> None:
+        """The device comes again, perhaps by another clock: what its earlier words allowed counts no more."""
+        self._least.clear()
+        self._offered = None
+
     def offer(self, offset: float) -> None:
         """The device has worked out how far the room's clock is ahead of its own (s)."""
         self._offered = offset

@@ -75,10 +75,13 @@ class Joined(_Message):
     token: str
     """To be said in `hello` within `expires` seconds, once. Never in an address."""
     expires: float
+    """s."""
     resume: str
-    """To join again as the same devices."""
+    """To join again as the same devices: keep it, and show it to nobody."""
     room: str
+    """The room's code, as the room writes it."""
     users: list[str]
+    """The devices that the connection will speak for."""
     webtransport_port: int | None = None
     """UDP port for WebTransport at `/live`; null where the server has none, and a WebSocket is the way."""
     webtransport_sha256: str | None = None
@@ -92,7 +95,9 @@ class Hello(_Message, tag="hello"):
     """The first message on a connection; nothing else is heard before it."""
 
     token: str
+    """The one that joining bought."""
     protocol: int = PROTOCOL
+    """Version of this protocol that the client speaks; the room refuses another one than its own."""
 
 
 class Ping(_Message, tag="ping"):
@@ -112,15 +117,24 @@ class MeasuredRange(_Message):
     t: float
     """By the clock that stamps the sender's poses."""
     a: str
+    """A device by its name."""
     b: str
+    """The other one, in either order."""
     distance: float
+    """m, between their antennas; slightly below 0 is noise, and welcome."""
     sigma: float | None = None
+    """m, 1 sigma in line of sight; null: 0.1."""
     antenna_a: str | None = None
+    """Which of `antennas` of a; null where it has none or one."""
     antenna_b: str | None = None
     rx_power: float | None = None
+    """dBm, received in all."""
     fp_power: float | None = None
+    """dBm, received in the first path."""
     nlos: bool | None = None
+    """Whether the radio itself says that there was no line of sight."""
     source: str | None = None
+    """Who measured: a word of ranges.csv."""
 
 
 class Ranges(_Message, tag="ranges"):
@@ -133,6 +147,7 @@ class Reset(_Message, tag="reset"):
     """A device's SLAM began anew, in another frame: it is looked for anew, and poses of the old frame are left out."""
 
     user: str
+    """The device, one of the sender's."""
     frame: int
     """Number of the new frame, which its poses carry from now on: 0 at first, one more with each reset, modulo 256."""
 
@@ -147,8 +162,9 @@ class Module(_Message, tag="module"):
     """A device's module will send ranges by UDP: asks for its key. Answered by `module_key`."""
 
     user: str
+    """The device, one of the sender's."""
     address: int
-    """0 to 65533."""
+    """0 to 65533: the module's own in the session, and no other device's."""
 
 
 class Clock(_Message, tag="clock"):
@@ -169,6 +185,7 @@ class Create(_Message, tag="create"):
     id: str
     """Chosen by the client; another object with that id is refused."""
     kind: str
+    """A word of the application's, which says what to draw."""
     position: Vector
     quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     user: str | None = None
@@ -217,6 +234,7 @@ class Say(_Message, tag="say"):
     """A word of an application, handed on to one client or to all; the room does not look into it."""
 
     topic: str
+    """A word of the application's, at most 64 characters."""
     data: Any = None
     to: str | None = None
     """A user's name; None: everybody else."""
@@ -266,7 +284,9 @@ class Member(_Message):
     here: bool = True
     """Whether its connection is up."""
     static: bool = False
+    """Whether it is a radio that stands still."""
     up: Literal["y", "z"] = "z"
+    """Which of its own axes points up."""
     frame: int = 0
     """Number of its SLAM frame."""
 
@@ -275,23 +295,31 @@ class UserFrame(_Message, omit_defaults=False):
     """Where a device's frame lies in the common one, as in registration.json, with what it should do."""
 
     state: Literal["registered", "ambiguous", "unobservable", "disconnected"]
+    """Only where it is registered is its place to be relied on."""
     reason: str
+    """Why, in one sentence for people."""
     frame: int
     """Number of the SLAM frame that all this is about."""
     matrix: list[list[float]] | None
     """4x4, row by row: the axes of the device's own SLAM, scale included, to the common frame, z up; null: none yet."""
     x: float | None
+    """m: x, y, z and yaw say the same as `matrix`, between z-up axes of both (of a y-up frame -z, -x and y)."""
     y: float | None
     z: float | None
     yaw: float | None
+    """rad, about the common z."""
     scale: float
+    """Length in the common frame over length by its SLAM."""
     covariance: list[list[float | None]] | None
     """4x4 over x, y, z, yaw."""
     sigma: float | None
     """m, 1 sigma in the plane: the longer half-axis of the ellipse."""
     clock_offset: float | None
+    """s: its stamps, put to the room's clock, minus those of ranges: what comparing clocks has left over."""
     progress: float | None
+    """0 to 1: how near it is to being registered."""
     cue: str | None
+    """Which way its bearer should walk, in words: "walk 2 m to your left"."""
 
 
 class Frames(_Message, tag="frames"):
@@ -302,7 +330,9 @@ class Frames(_Message, tag="frames"):
     t: float
     """By the room's clock."""
     reference: str | None
+    """The device beside which the others are judged; its first pose fixed the common frame. Null until there is one."""
     users: dict[str, UserFrame]
+    """Empty until the solver has said something: it may be missing whoever has just come."""
 
 
 class Object(_Message):
@@ -315,7 +345,9 @@ class Object(_Message):
     by: str
     """Who created it."""
     holder: str | None = None
+    """Who holds it, and alone may move it."""
     velocity: Vector | None = None
+    """m/s, common frame: what its holder moves it with."""
     t: float = 0.0
     """By the room's clock: when it was there."""
     data: Any = None
@@ -327,8 +359,11 @@ class Objects(_Message, tag="objects"):
     """Objects that were changed or removed, in the order in which the room took it."""
 
     version: int
+    """Rises with each change."""
     changed: list[Object] = []
+    """As they are now."""
     removed: list[str] = []
+    """Their ids."""
 
 
 class Members(_Message, tag="members"):
@@ -345,10 +380,13 @@ class Welcome(_Message, tag="welcome"):
     """Names of the devices that this connection speaks for; the poses that it sends name them by their index here."""
     protocol: int
     t: float
+    """The room's clock."""
     members: list[Member]
     frames: Frames
     objects: Objects
+    """All that there are."""
     udp_port: int | None = None
+    """Where modules send their ranges."""
     app: str | None = None
     """The application that the room was started with."""
 
@@ -368,16 +406,20 @@ class ModuleKey(_Message, tag="module_key"):
     user: str
     address: int
     session: int
+    """The room's number among modules."""
     key: str
     """32 bytes in hex."""
     udp_port: int | None
+    """Of the server: where the module sends its datagrams."""
 
 
 class Events(_Message, tag="events"):
     """What happened, a sentence each."""
 
     t: float
+    """The room's clock."""
     events: list[str]
+    """Sentences for people; programs go by `frames`."""
 
 
 class PairRange(_Message, omit_defaults=False):
@@ -447,9 +489,11 @@ class Refused(_Message, tag="refused"):
     """Something that this client sent was refused; told once for each reason, and again when it goes on."""
 
     reason: str
+    """A word to count by: `user`, `value`, `future`, `old`, `frame`, `rate`, `message` and others."""
     what: str
     """One sentence with a way on."""
     count: int = 1
+    """How many were refused for that reason so far."""
 
 
 class Answer(_Message, tag="answer"):
@@ -462,7 +506,9 @@ class Bye(_Message, tag="bye"):
     """The last message: why the room ends the connection."""
 
     reason: str
+    """`elsewhere`, `left`, `token`, `hello`, `protocol` and others."""
     what: str
+    """One sentence with a way on."""
 
 
 FromRoom = (

@@ -32,11 +32,12 @@ UP = np.dtype(
         ("quat_xyzw", "<f4", 4),
     ]
 )
-"""A pose of a device in the axes of its own SLAM: kind POSE, number of its frame, its index in `welcome.you`, a number
-that rises, its own stamp (s), position (m), attitude."""
+"""A pose of a device in the axes of its own SLAM: kind POSE, number of its frame (0 until it says `reset`), its index
+in `welcome.you`, a number that rises with each pose, its own stamp (s), position (m), attitude. Several may stand one
+after the other in one message."""
 
 DOWN_HEAD = struct.Struct("<BBHId")
-"""Kind POSES, 0, number of records, a number that rises, the room's clock (s)."""
+"""Kind POSES, 0, number of records, a number that rises with each message, the room's clock (s)."""
 DOWN = np.dtype(
     [
         ("member", "<u2"),
@@ -47,8 +48,9 @@ DOWN = np.dtype(
         ("quat_xyzw", "<f4", 4),
     ]
 )
-"""A device in the common frame, z up: its index in `members`, state by STATES, number of its SLAM frame, s since it was
-there, position (m), attitude of its body."""
+"""A device in the common frame, z up: its `index` in `members`, state by its number below, number of its SLAM frame, s
+since it was there, position (m), attitude of its body, whose axes stay as the device has them. Who has no frame yet is
+left out; only who is registered is known to be there."""
 MOST_POSES = 256
 """Records in one message."""
 _UP = struct.Struct("<BBHId3d4f")

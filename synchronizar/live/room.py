@@ -226,6 +226,7 @@ class Room:
                 earlier.outbox.put(m.encode(m.Bye("elsewhere", "the same device has joined from somewhere else")))
                 earlier.outbox.close()
             device.client, device.left_at = client, None
+            device.clock.reconnect()
         self.clients.add(client)
         you = [device.name for device in devices]
         welcome = m.Welcome(

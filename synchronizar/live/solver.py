@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import sys
 from asyncio.subprocess import PIPE, Process
 from collections import deque
@@ -163,9 +165,8 @@ class SolverProcess:
     async def close(self) -> None:
         """End the process."""
         self.closed = True
-        if self._process is not None and self._process.returncode is None:
-            with suppress(ProcessLookupError):
-                self._process.terminate()
+        if self._process is not None:
+            _signal(self._process, signal.SIGTERM)
             await self._process.wait()
 
     async def _run_once(self) -> None:
@@ -190,7 +191,7 @@ class SolverProcess:
             try:
                 await asyncio.wait_for(process.wait(), _ENDS_WITHIN_S)
             except TimeoutError:
-                process.kill()
+                _signal(process, signal.SIGKILL)
                 await process.wait()
             self._process = None
 
@@ -247,3 +248,10 @@ def _sparing(step: int) -> str:
     if step == 0:
         return "the solver keeps up again: all ranges go to it"
     return f"the solver does not keep up: of each pair of devices a range in {RANGES_S[step]:g} s goes to it"
+
+
+def _signal(process: Process, number: signal.Signals) -> None:
+    """Not by its own methods: they look first whether it has ended, and take its status away from who waits for it."""
+    if process.returncode is None:
+        with suppress(ProcessLookupError):
+            os.kill(process.pid, number)
