@@ -169,7 +169,7 @@ async def told(page: Page, expression: str) -> Any:
     return json.loads(await page.evaluate(f"JSON.stringify({expression})"))
 
 
-async def until(page: Page, expression: str, seconds: float = 60.0) -> None:
+async def until(page: Page, expression: str, seconds: float = 90.0) -> None:
     """Until an expression is true in the page. Raises TimeoutError where it does not become so.
 
     Playwright's own way evaluates strings within the page, which the pages' policy forbids.

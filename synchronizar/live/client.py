@@ -1,4 +1,4 @@
-"""A client of a room: joins, says poses and ranges, hears frames. With asyncio, or blocking."""
+"""A client of a room: joins, says poses and ranges, hears frames. With asyncio; `blocking` has it without."""
 
 from __future__ import annotations
 
@@ -49,6 +49,7 @@ class Client:
         welcome: m.Welcome,
         resume: str,
         host: str,
+        clock: Callable[[], float],
     ) -> None:
         self.welcome = welcome
         self.resume = resume
@@ -65,7 +66,7 @@ class Client:
         self.peer_poses: dict[str, PoseUp] = {}
         """The newest pose of each device that says its poses to this one by a data channel, in that device's own axes
         and by its own clock."""
-        self._session, self._socket, self._host = session, socket, host
+        self._session, self._socket, self._host, self._clock = session, socket, host, clock
         self._index = {name: i for i, name in enumerate(welcome.you)}
         self._frame = {member.name: member.frame for member in welcome.members if member.name in self._index}
         self._sequence = 0
@@ -86,11 +87,13 @@ class Client:
         up: Literal["y", "z"] = "z",
         time: Literal["live", "recorded"] = "live",
         resume: str | None = None,
+        clock: Callable[[], float] = time.time,
     ) -> Client:
         """Join the room at an address, whose fragment is the room's code.
 
         `users`: names of the devices that this connection speaks for, or settings by name as in recording.toml; `up`:
-        their vertical axis where settings do not say. Raises InputError where the room cannot be joined, and says why.
+        their vertical axis where settings do not say; `clock`: what stamps their poses and ranges (s), which need not
+        agree with anybody's. Raises InputError where the room cannot be joined, and says why.
         """
         parts = urlsplit(address)
         if parts.scheme not in ("https", "http") or not parts.hostname or not parts.fragment:
@@ -119,14 +122,14 @@ class Client:
         except InputError:
             await session.close()
             raise
-        client = cls(session, socket, welcome, joined.resume, parts.hostname)
+        client = cls(session, socket, welcome, joined.resume, parts.hostname, clock)
         if time == "live" and client._index:
             client._pinging = asyncio.create_task(client._ping())
         return client
 
     @property
     def offset(self) -> float | None:
-        """s: the room's clock minus this client's `time.time()`."""
+        """s: the room's clock minus this client's."""
         return self._round_trips.offset
 
     async def __aenter__(self) -> Client:
@@ -137,9 +140,8 @@ class Client:
 
     async def close(self) -> None:
         """End the connection; the devices may come again with `resume`."""
-        for task in (self._pinging, self._receiving):
-            if task is not None:
-                task.cancel()
+        if self._pinging is not None:
+            self._pinging.cancel()
         for forwarder in self._forwarders:
             forwarder.close()
         if self._peers is not None:
@@ -153,7 +155,7 @@ class Client:
         await self.close()
 
     async def send_pose(self, user: str, t: float, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
-        """A device's pose in its own axes: s by `time.time()`, (3,) m, (4,) x y z w."""
+        """A device's pose in its own axes: s by the client's clock, (3,) m, (4,) x y z w."""
         await self.send_poses([(user, t, position, quat_xyzw)])
 
     async def send_poses(self, poses: Iterable[tuple[str, float, Sequence[float], Sequence[float]]]) -> None:
@@ -175,7 +177,7 @@ class Client:
             await self._socket.send_bytes(data)
 
     async def send_range(self, t: float, a: str, b: str, distance: float, **columns: Any) -> None:
-        """A distance (m) at t (s by `time.time()`); columns as in ranges.csv."""
+        """A distance (m) at t (s by the client's clock); other columns of ranges.csv by their names."""
         await self.send_ranges([m.MeasuredRange(t, a, b, distance, **columns)])
 
     async def send_ranges(self, ranges: Sequence[m.MeasuredRange]) -> None:
@@ -237,7 +239,7 @@ class Client:
                 poses = word if isinstance(word, PosesDown) else decode_poses_down(word.data)
                 if (newest := newest_poses(self.poses, poses)) is not None:
                     self.poses = newest
-                    self._round_trips.heard(newest.t, time.time())
+                    self._round_trips.heard(newest.t, self._clock())
                     yield newest
             elif word.type is aiohttp.WSMsgType.TEXT:
                 message = m.decode_from_room(word.data)
@@ -285,7 +287,7 @@ class Client:
                 if self._peers is not None:
                     self._peers.signalled(message.by, message.data)
             case m.Pong():
-                self._round_trips.pong(message.t, message.room_t, time.time())
+                self._round_trips.pong(message.t, message.room_t, self._clock())
 
     def _all_peers(self) -> ClientPeers:
         if self._peers is None:
@@ -314,7 +316,7 @@ class Client:
     async def _ping(self) -> None:
         with suppress(ConnectionError, aiohttp.ClientError):
             for n in range(1_000_000_000):
-                await self.say_message(m.Ping(time.time(), self.offset, self._round_trips.quickest))
+                await self.say_message(m.Ping(self._clock(), self.offset, self._round_trips.quickest))
                 await asyncio.sleep(_FIRST_PING_S if n < _FIRST_PINGS else _PING_S)
 
     def _own(self, user: str) -> int:

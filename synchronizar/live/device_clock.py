@@ -24,6 +24,8 @@ SURE_S = 2.0
 """s: so long what was known before a silence still counts, and then what came since."""
 KNOWN_S, KNOWN_ROUND_TRIPS, KNOWN_AT_LAST_S = 0.3, 2.0, 2.0
 """s and round trips until the clock of a device that pings is known; s until it is taken for known in any case."""
+ANOTHER_S = 10.0
+"""s: no word of somebody who comes again is so late: it is stamped by another clock."""
 _AT_FIRST_S = 2.0
 
 
@@ -40,6 +42,11 @@ class DeviceClock:
         self._began: float | None = None
         self._offset: float | None = None
         self._at = 0.0
+        self._again = False
+
+    def reconnect(self) -> None:
+        """The device comes again, perhaps by another clock."""
+        self._again = True
 
     def offer(self, offset: float, round_trip: float | None) -> None:
         """The device has worked out how far the room's clock is ahead of its own, within half of a round trip (s)."""
@@ -66,8 +73,11 @@ class DeviceClock:
     def hear(self, stamp: float, arrived: float) -> float:
         """The room's time of a word that was stamped by the device and arrived at `arrived` (s, room's clock)."""
         delay = arrived - stamp
-        if self._least and arrived - self._at > SILENT_S:
-            self._least = deque([(arrived + SURE_S - WINDOW_S, self._least[0][1])])
+        if self._least and (self._again or arrived - self._at > SILENT_S):
+            known = self._least[0][1]
+            another = self._again and delay - known > ANOTHER_S
+            self._least = deque([] if another else [(arrived + SURE_S - WINDOW_S, known)])
+        self._again = False
         while self._least and self._least[-1][1] >= delay:
             self._least.pop()
         self._least.append((arrived, delay))

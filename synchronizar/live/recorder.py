@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import msgspec
 
@@ -32,16 +32,27 @@ class _File:
     handle: IO[str]
     size: int
     """Bytes that are written or wait to be."""
+    lines: list[str] = field(default_factory=list)
+    """Those that wait."""
+
+
+class Gathered(NamedTuple):
+    """What is to be written; nothing else changes it any more."""
+
+    lines: list[tuple[IO[str], str]]
+    users: list[User] | None
+    """All of recording.toml, where that is another one."""
 
 
 class FolderRecorder:
-    """One room's folder. Lines are gathered and written by `flush`, which the caller calls once a second."""
+    """One room's folder. Lines are gathered; `flush` writes them, or `gather` and `write` where nobody may wait."""
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError where the folder cannot be written."""
         self.folder = folder
         self._files: dict[str, _File] = {}
         self._users: dict[str, User] = {}
+        self._names: dict[tuple[str, int], str] = {}
         self._settings_changed = False
         with os_faults(folder):
             (folder / "tracks").mkdir(parents=True, exist_ok=True)
@@ -59,33 +70,50 @@ class FolderRecorder:
 
     def pose(self, user: str, session: int, t: float, position: m.Vector, quat_xyzw: m.Quaternion) -> None:
         """A pose, by the room's clock, in the device's own axes."""
-        numbers = " ".join(f"{x:.9f}" for x in (t, *position, *quat_xyzw))
-        self._write(f"tracks/{recorded_name(user, session)}.tum", numbers + "\n")
+        x, y, z = position
+        qx, qy, qz, qw = quat_xyzw
+        line = f"{t:.9f} {x:.9f} {y:.9f} {z:.9f} {qx:.9f} {qy:.9f} {qz:.9f} {qw:.9f}\n"
+        self._write(f"tracks/{recorded_name(user, session)}.tum", line)
 
     def range(
         self, t: float, a: str, b: str, sessions: tuple[int, int], distance: float, optional: dict[str, Any]
     ) -> None:
         """A range, by the room's clock; none of a device that has not said any pose, which no recording can have."""
-        names = [recorded_name(user, session) for user, session in zip((a, b), sessions, strict=True)]
-        if not all(self._is_there(name) for name in names):
+        written_as = [self._written_as(user, session) for user, session in zip((a, b), sessions, strict=True)]
+        if None in written_as:
             return
-        values = [f"{t:.9f}", *map(_quoted, names), repr(distance), *(_text(optional.get(name)) for name in OPTIONAL)]
-        self._write("ranges.csv", ",".join(values) + "\n")
+        values = [_text(optional[name]) if name in optional else "" for name in OPTIONAL]
+        self._write("ranges.csv", f"{t:.9f},{written_as[0]},{written_as[1]},{distance!r},{','.join(values)}\n")
 
     def offsets(self) -> dict[str, int]:
         """Bytes of each file that hold all that was recorded until now."""
         return {name: file.size for name, file in self._files.items()}
 
     def flush(self) -> None:
-        """On disk. Raises InputError where the disk is full or gone."""
+        """All on disk. Raises InputError where that is full or gone."""
+        self.write(self.gather())
+
+    def gather(self) -> Gathered:
+        """What came since the last time: to be given to `write`, which another thread may do while more comes."""
+        users = None
+        if self._settings_changed:
+            self._settings_changed = False
+            users = [user for name, user in self._users.items() if self._is_there(name)]
+        waiting = [(file.handle, "".join(file.lines)) for file in self._files.values() if file.lines]
+        for file in self._files.values():
+            file.lines.clear()
+        return Gathered(waiting, users)
+
+    def write(self, gathered: Gathered) -> None:
+        """Write it, all of it before any is waited for to be on disk. Raises InputError where that is full or gone."""
         with os_faults(self.folder):
-            if self._settings_changed:
-                self._settings_changed = False
-                there = [user for name, user in self._users.items() if self._is_there(name)]
-                write_recording_toml(self.folder / "recording.toml", there)
-            for file in self._files.values():
-                file.handle.flush()
-                os.fsync(file.handle.fileno())
+            for handle, text in gathered.lines:
+                handle.write(text)
+                handle.flush()
+            if gathered.users is not None:
+                write_recording_toml(self.folder / "recording.toml", gathered.users)
+            for handle, _ in gathered.lines:
+                os.fsync(handle.fileno())
 
     def note(self, name: str, value: Any) -> None:
         """A small file beside the recording, replaced as a whole."""
@@ -105,6 +133,12 @@ class FolderRecorder:
             file.handle.close()
         self._files.clear()
 
+    def _written_as(self, user: str, session: int) -> str | None:
+        """Its name in ranges.csv; None while a recording cannot have it."""
+        if (user, session) not in self._names and self._is_there(name := recorded_name(user, session)):
+            self._names[user, session] = _quoted(name)
+        return self._names.get((user, session))
+
     def _is_there(self, name: str) -> bool:
         """Whether a recording can have this user: a radio that stands still, or a device with a pose."""
         user = self._users.get(name)
@@ -120,7 +154,7 @@ class FolderRecorder:
 
     def _write(self, name: str, line: str) -> None:
         file = self._open(name)
-        file.handle.write(line)
+        file.lines.append(line)
         file.size += len(line.encode())
 
 

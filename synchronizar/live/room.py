@@ -22,7 +22,8 @@ from synchronizar.live.module_ranges import measured_ranges
 from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
 from synchronizar.live.peer_placing import placed, told_frame
-from synchronizar.live.pose_wire import PoseDown, PosesDown, PoseUp, decode_poses_up, encode_poses_down
+from synchronizar.live.placing import AT_ITS_ORIGIN, OwnPose, Placing, Shown
+from synchronizar.live.pose_wire import PoseUp, decode_poses_up, encode_rows_down
 from synchronizar.live.roster import KnownDevice, Roster
 from synchronizar.live.sleeping import Sleeping, Standing, standing_of
 from synchronizar.live.solver import Solver
@@ -32,6 +33,8 @@ from synchronizar.parameters import SleepParameters
 UPDATES_A_SECOND = 10
 FRAMES_AT_LEAST_EVERY = 0.5
 """s between frames that are told though nothing has changed."""
+MOVES_EVERY = 0.19
+"""s between frames that are told because somebody's place changed, and nothing else."""
 STATUS_EVERY = 1.0
 STANDINGS_EVERY = 0.5
 """s between looks at whose modules are needed."""
@@ -91,7 +94,7 @@ class Device:
     clock: DeviceClock = field(default_factory=DeviceClock)
     held: list[PoseUp] = field(default_factory=list)
     """Poses that wait until its clock is known."""
-    pose: tuple[float, m.Vector, m.Quaternion] | None = None
+    pose: OwnPose | None = None
     """Its newest pose by the room's clock, in its own axes."""
     poses: deque[float] = field(default_factory=lambda: deque(maxlen=128))
     ranges: deque[float] = field(default_factory=lambda: deque(maxlen=1024))
@@ -174,12 +177,16 @@ class Room:
         self.objects = ObjectStore(saved)
         self.frames = m.Frames(0, now(), None, {})
         self.solver: Solver | None = None
+        self.lag: Callable[[], m.Lag] | None = None
+        """How late the loop is that calls all of this."""
         self.begun: Callable[[bool], None] | None = None
         """Hears whether time is a recording's, when the first device comes."""
         self.open_peer: Callable[[Room, Client], Peer] | None = None
         """Begins a client's second way for poses; None where the server has none."""
         self._recorder = recorder
         self._ranges: list[NewestRange] = []
+        self._placing: tuple[list[Device], Placing] | None = None
+        self._untold = False
         self._told_at = self._frames_at = self._status_at = self._asked_at = self._stood_at = -np.inf
         self._empty_since = now()
         self._sequence = 0
@@ -238,6 +245,7 @@ class Room:
                 earlier.outbox.put(m.encode(m.Bye("elsewhere", "the same device has joined from somewhere else")))
                 earlier.outbox.close()
             device.client, device.left_at = client, None
+            device.clock.reconnect()
         self.clients.add(client)
         you = [device.name for device in devices]
         welcome = m.Welcome(
@@ -340,11 +348,13 @@ class Room:
         self._ranges = told.ranges
         if told.events:
             self._broadcast(m.Events(told.t, told.events))
-        changed = _differ(self.frames, told)
-        version = self.frames.version + changed
-        self.frames = m.Frames(version, told.t, told.reference, told.users)
-        if changed or told.t - self._frames_at >= FRAMES_AT_LEAST_EVERY or told.t < self._frames_at:
-            self._frames_at = told.t
+        news, moved = _is_news(self.frames, told), _moved(self.frames, told)
+        self.frames = m.Frames(self.frames.version + (news or moved), told.t, told.reference, told.users)
+        self._placing = None
+        self._untold = self._untold or moved
+        since = told.t - self._frames_at
+        if news or (self._untold and since >= MOVES_EVERY) or not 0.0 <= since < FRAMES_AT_LEAST_EVERY:
+            self._frames_at, self._untold = told.t, False
             self._broadcast_latest("frames", m.encode(self.frames))
         self.objects.place_waiting(self._in_common, self.time())
 
@@ -380,7 +390,7 @@ class Room:
             self._broadcast(changes)
         if self.clients:
             self._sequence += 1
-            poses = encode_poses_down(PosesDown(self._sequence, t, self._poses(t)))
+            poses = self._poses(t)
             for client in self.clients:
                 if client.peer is None or not client.peer.send_poses(poses):
                     client.outbox.latest("poses", poses)
@@ -404,7 +414,8 @@ class Room:
         }
         pairs = [m.PairRange(r.a, r.b, r.distance, r.residual, r.used, max(0.0, t - r.t)) for r in self._ranges]
         refused = self.refused + Counter({f"datagram {reason}": n for reason, n in self.receiver.refused.items()})
-        return m.Status(t, users, pairs, dict(refused), float(max(0.0, t - max(self._told_at, t - 3600.0))))
+        behind = float(max(0.0, t - max(self._told_at, t - 3600.0)))
+        return m.Status(t, users, pairs, dict(refused), behind, None if self.lag is None else self.lag())
 
     # Inside
 
@@ -491,6 +502,7 @@ class Room:
         if message.frame == device.frame:
             raise MessageError("frame", "a new frame has another number than the one before")
         device.frame, device.pose = message.frame % 256, None
+        self._placing = None
         device.session += 1
         self._feed(NewFrame(device.name, device.frame))
         if self._recorder is not None:
@@ -650,6 +662,11 @@ class Room:
             return None
         return told_frame(self.frames.users.get(name), device.settings.up, device.frame)
 
+    def _told_of(self, device: Device) -> m.UserFrame | None:
+        """What is told of a device's present SLAM frame; None where it is not known where that lies."""
+        told = self.frames.users.get(device.name)
+        return None if told is None or told.matrix is None or told.frame != device.frame else told
+
     def _in_common(self, name: str, position: m.Vector, quat: m.Quaternion) -> tuple[m.Vector, m.Quaternion] | None:
         told = self.frames.users.get(name)
         frame = self.frame_of(name)
@@ -657,22 +674,17 @@ class Room:
             return None
         return placed(frame, position, quat)
 
-    def _poses(self, t: float) -> list[PoseDown]:
-        out = []
-        for device in self.devices.values():
-            frame = self.frame_of(device.name)
-            if frame is None or (device.left_at is not None and t - device.left_at > AWAY_AFTER):
-                continue
-            if device.settings.static:
-                at, position, quat = t, (frame.x, frame.y, frame.z), (0.0, 0.0, 0.0, 1.0)
-            elif device.pose is not None:
-                at, own, own_quat = device.pose
-                position, quat = placed(frame, own, own_quat)
-            else:
-                continue
-            state = self.frames.users[device.name].state
-            out.append(PoseDown(device.index, state, device.frame, max(0.0, t - at), position, quat))
-        return out
+    def _poses(self, t: float) -> bytes:
+        """Everybody's poses in the common frame."""
+        if self._placing is None:
+            devices = [device for device in self.devices.values() if self._told_of(device) is not None]
+            self._placing = devices, Placing([self._shown(device) for device in devices])
+        devices, placing = self._placing
+        return encode_rows_down(self._sequence, t, placing.rows(t, [_own_pose(device, t) for device in devices]))
+
+    def _shown(self, device: Device) -> Shown:
+        settings = device.settings
+        return Shown(device.index, self.frames.users[device.name], settings.up == "y", settings.static)
 
     def _standings(self) -> dict[str, Standing]:
         """How those stand who are here."""
@@ -704,15 +716,29 @@ class Room:
             client.outbox.latest(kind, word)
 
 
-def _differ(before: m.Frames, told: Told) -> bool:
-    """Whether anything of it is news."""
+def _own_pose(device: Device, t: float) -> OwnPose | None:
+    """Its newest; None of who has been away for long."""
+    if device.left_at is not None and t - device.left_at > AWAY_AFTER:
+        return None
+    return AT_ITS_ORIGIN if device.settings.static else device.pose
+
+
+def _is_news(before: m.Frames, told: Told) -> bool:
+    """Whether anything is another one that is no number."""
     if before.reference != told.reference or before.users.keys() != told.users.keys():
         return True
+    return any(_kind(before.users[name]) != _kind(now) for name, now in told.users.items())
+
+
+def _kind(user: m.UserFrame) -> tuple[str, int, str | None, bool]:
+    return user.state, user.frame, user.cue, user.matrix is None
+
+
+def _moved(before: m.Frames, told: Told) -> bool:
+    """Whether anybody's frame lies elsewhere."""
     for name, now in told.users.items():
-        was = before.users[name]
-        if (was.state, was.frame, was.cue, was.matrix is None) != (now.state, now.frame, now.cue, now.matrix is None):
-            return True
-        if now.matrix is None:
+        was = before.users.get(name)
+        if was is None or now.matrix is None:
             continue
         moved = [(a or 0.0) - (b or 0.0) for a, b in zip((was.x, was.y, was.z), (now.x, now.y, now.z), strict=True)]
         if max(map(abs, moved)) > _CHANGED_M or abs((was.yaw or 0.0) - (now.yaw or 0.0)) > _CHANGED_RAD:

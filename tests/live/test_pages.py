@@ -36,6 +36,9 @@ LOG = """() => {
   }, 50);
 }"""
 
+# However slow the machine is: as much as is judged.
+ENOUGH = "drawn.length > 60 && new Set(drawn.map(([name]) => name)).size === 2"
+
 
 def sigmas_off(simulation: Simulation, drawn: list[list[Any]], began: float) -> Array:
     """(n,): how far from the truth each place was drawn, in the sigmas that were told of the phone's own."""
@@ -91,7 +94,7 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
         await phone.evaluate(LOG)
         await registered(phone)
         await browser.until(room, "document.getElementById('count-registered').textContent === '3 of 3'")
-        await asyncio.sleep(5.0)
+        await browser.until(phone, ENOUGH)
         out["drawn"] = await browser.told(phone, "drawn")
         out["objects"] = await browser.told(phone, "[...synchronizar.client.objects.values()]")
         out["transport"] = await browser.told(phone, "synchronizar.client.transport")
@@ -107,7 +110,7 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
         await browser.start(phone, track, began)
         await phone.evaluate(LOG)
         await registered(phone)
-        await asyncio.sleep(2.0)
+        await browser.until(phone, ENOUGH)
         out["again"] = await browser.told(phone, "drawn")
         out["member"] = await browser.told(phone, f"synchronizar.client.member('{PHONE}')")
         # Who leaves may come again.
@@ -124,7 +127,7 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
 
 
 def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_sees_all() -> None:
-    simulation = simulate(Scene(users=3, seconds=60.0, seed=5))
+    simulation = simulate(Scene(users=3, seconds=240.0, seed=5))
     with server() as where:
         out = asyncio.run(visit(simulation, where))
     assert out["complaints"] == []
@@ -135,7 +138,6 @@ def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_see
     assert out["looked"].count("in place") == 3
     for drawn in (out["drawn"], out["again"]):
         assert {name for name, *_ in drawn} == set(NATIVE)
-        assert len(drawn) > 40
         assert np.percentile(sigmas_off(simulation, drawn, out["began"]), 95) < 2.5
     marker = out["objects"][0]
     assert (marker["kind"], marker["by"], len(out["objects"])) == ("marker", PHONE, 1)
@@ -177,7 +179,7 @@ async def look_without_ar(where: dict[str, Any]) -> dict[str, Any]:
         )
         await page.goto(f"{where['url']}/phone#{where['room']}")
         await page.wait_for_url("**/room*")
-        await browser.until(page, "document.getElementById('banner').hidden === false")
+        await browser.until(page, "document.getElementById('banner').dataset.kind === 'note'")
         out["note"] = await page.inner_text("#banner p")
         out["complaints"] = complaints
         await chromium.close()

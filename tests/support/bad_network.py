@@ -275,7 +275,7 @@ class House:
         if reference is None:
             return
         common_from_world = self._common_from_world(reference)
-        for pose in self.room._poses(self.now()):
+        for pose in decode_poses_down(self.room._poses(self.now())).poses:
             walker = list(self.walkers.values())[pose.member]
             t = self.time.t - pose.age
             true = common_from_world @ self._true_place(walker.name, t)

@@ -27,6 +27,8 @@ const FIRST_PINGS = 4;
 const FIRST_PING_S = 0.1;
 /** s without a pong after which a connection is taken for broken. */
 const SILENT_S = 7;
+/** s within which the room has to welcome; a network that swallows datagrams later on is noticed by it too. */
+const WELCOME_S = 6;
 const RETRY_S = [0.25, 0.5, 1, 2, 4, 5];
 /** `bye` after which a client does not come again by itself. */
 const FINAL = new Set(["left", "elsewhere", "protocol"]);
@@ -289,6 +291,11 @@ export class RoomClient extends EventTarget {
       this.#mayTransport = false;
       this.#connect(joined);
     };
+    this.#later(WELCOME_S, () => {
+      if (this.#socket !== socket || this.state !== "joining") return;
+      if (this.transport === "webtransport") this.#mayTransport = false;
+      this.#broken();
+    });
   }
 
   #broken() {

@@ -18,6 +18,12 @@ export function rate(value) {
   return Number.isFinite(value) ? value.toFixed(value < 10 ? 1 : 0) : "–";
 }
 
+/** "120 ms", "12 s", or that it is long. */
+export function duration(seconds) {
+  if (seconds < 2) return `${Math.round(1000 * seconds)} ms`;
+  return seconds < 600 ? `${Math.round(seconds)} s` : "minutes";
+}
+
 /** A sentence's first letter large. */
 export function sentence(text) {
   return text ? text[0].toUpperCase() + text.slice(1) : "";

@@ -155,6 +155,17 @@ test("a connection without an answer is taken for broken", async (t) => {
   assert.equal(client.state, "waiting");
 });
 
+test("a room that does not welcome is asked again", async (t) => {
+  const { joins, sockets, socket, client, pass } = await connected(t);
+  socket.onclose();
+  await pass(0.4);
+  sockets[1].onopen();
+  await pass(6);
+  assert.equal(client.state, "waiting");
+  await pass(1);
+  assert.equal(joins.length, 3);
+});
+
 test("a bye that is final ends it, another one does not", async (t) => {
   const { client, socket } = await connected(t);
   const byes = [];

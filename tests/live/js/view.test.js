@@ -6,6 +6,7 @@ import { PAGES, vectors, welcome } from "./support.js";
 const { Camera } = await import(new URL("view/camera.js", PAGES));
 const { colourOf, residualColour } = await import(new URL("view/colours.js", PAGES));
 const { RoomModel, TRAIL_S, extend } = await import(new URL("room/model.js", PAGES));
+const { pieces } = await import(new URL("view/top_view.js", PAGES));
 const { Motion, DELAY_S } = await import(new URL("xr/motion.js", PAGES));
 const { wayOf } = await import(new URL("xr/cue.js", PAGES));
 const { codeOf, spelled } = await import(new URL("visit.js", PAGES));
@@ -51,6 +52,18 @@ test("a track is kept for a while, and breaks where somebody jumps", () => {
   assert.ok(trail.every((point) => point !== null && point.t >= 30 - TRAIL_S - 1e-9));
   extend(trail, 30.1, 60, 0);
   assert.deepEqual(trail.at(-2), null);
+});
+
+test("a track is drawn in few pieces, each of which begins where the one before ends", () => {
+  const trail = [];
+  for (let k = 0; k <= 150; k++) extend(trail, 0.1 * k, 0.1 * k, 0);
+  trail.push(null, { t: 15.1, x: 60, y: 0 }, { t: 15.2, x: 60.1, y: 0 });
+  const made = pieces(trail, 15.2);
+  assert.ok(made.length <= 16);
+  assert.equal(made.reduce((sum, { points }) => sum + points.length - 1, 0), 151);
+  for (let i = 1; i < made.length - 1; i++) assert.equal(made[i].points[0], made[i - 1].points.at(-1));
+  assert.equal(made.at(-1).points.length, 2);
+  assert.ok(made.every(({ share }, i) => i === 0 || share >= made[i - 1].share));
 });
 
 test("the model knows who is where, from what the room says", async () => {

@@ -10,7 +10,7 @@ import { fillJoinCard } from "../view/join_card.js";
 import { Tables, counts } from "../view/tables.js";
 import { TopView } from "../view/top_view.js";
 import { addressOf, codeOf, recalled, remember, serverAddress, spelled } from "../visit.js";
-import { connection, stateOf } from "../words.js";
+import { connection, duration, stateOf } from "../words.js";
 import { RoomModel } from "./model.js";
 
 const REDRAW_MS = 250;
@@ -73,7 +73,7 @@ function counters() {
   const sum = (of) => (status ? Object.values(status.users).reduce((total, health) => total + health[of], 0) : null);
   say(byId("count-poses"), status ? `${Math.round(sum("poses_hz"))} /s` : "–");
   say(byId("count-ranges"), status ? `${Math.round(sum("ranges_hz") / 2)} /s` : "–");
-  say(byId("count-behind"), status ? `${Math.round(1000 * status.behind)} ms` : "–");
+  say(byId("count-behind"), status ? duration(status.behind) : "–");
   say(byId("count-refused"), counts(status?.refused));
   say(byId("count-latency"), client.roundTrip === null ? "–" : `${Math.round(500 * client.roundTrip)} ms`);
 }

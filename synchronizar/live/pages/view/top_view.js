@@ -10,6 +10,8 @@ const RANGE_S = 1.5;
 const SIGMAS = 2.45;
 /** m: a wider ellipse says no more than that nothing is known. */
 const WIDEST_M = 8;
+/** In so many steps a track fades. */
+const PIECES = 16;
 /** Of a device, and how far it is seen to look, in letters' heights. */
 const DOT = 0.57;
 const SIGHT = 2.4;
@@ -136,18 +138,18 @@ export class TopView {
   }
 
   #trail(paint, user) {
-    const now = this.#model.posesAt ?? 0;
     paint.strokeStyle = colourOf(user.index);
     paint.lineWidth = 2;
     // Pieces that fade one by one must not overlap.
     paint.lineCap = "butt";
-    for (let i = 1; i < user.trail.length; i++) {
-      const [from, to] = [user.trail[i - 1], user.trail[i]];
-      if (!from || !to) continue;
-      paint.globalAlpha = 0.08 + 0.5 * Math.max(0, 1 - (now - to.t) / TRAIL_S);
+    for (const { points, share } of pieces(user.trail, this.#model.posesAt ?? 0)) {
+      paint.globalAlpha = 0.08 + 0.5 * share;
       paint.beginPath();
-      paint.moveTo(...this.#camera.toScreen([from.x, from.y]));
-      paint.lineTo(...this.#camera.toScreen([to.x, to.y]));
+      points.forEach(({ x, y }, i) => {
+        const [px, py] = this.#camera.toScreen([x, y]);
+        if (i) paint.lineTo(px, py);
+        else paint.moveTo(px, py);
+      });
       paint.stroke();
     }
     paint.globalAlpha = 1;
@@ -273,6 +275,21 @@ export class TopView {
     paint.stroke();
     text(paint, `${step} m`, x + (step * this.#camera.scale) / 2, y - 12, colours, "center");
   }
+}
+
+/** A track in pieces of about the same age, each drawn at once: {points, share}, share 1 where it is new, 0 where old. */
+export function pieces(trail, now) {
+  const made = [];
+  let last = null;
+  trail.forEach((point, i) => {
+    if (point === null) last = null;
+    const before = trail[i - 1];
+    if (!point || !before) return;
+    const age = Math.max(0, Math.floor((PIECES * (now - point.t)) / TRAIL_S));
+    if (last?.age !== age) made.push((last = { age, points: [before], share: Math.max(0, 1 - age / PIECES) }));
+    last.points.push(point);
+  });
+  return made;
 }
 
 /** Places that should be on the canvas: where everybody is and was of late. */
