@@ -22,7 +22,7 @@ SILENT_S = 5.0
 """s: after such a silence words come that were said before it, and a device's clock may have stood still meanwhile."""
 SURE_S = 2.0
 """s: so long what was known before a silence still counts, and then what came since."""
-KNOWN_S, KNOWN_ROUND_TRIPS, KNOWN_AT_LAST_S = 0.3, 2.0, 2.0
+KNOWN_S, KNOWN_ROUND_TRIPS, KNOWN_AT_LAST_S = 0.3, 2.0, 1.5
 """s and round trips until the clock of a device that pings is known; s until it is taken for known in any case."""
 ANOTHER_S = 10.0
 """s: no word of somebody who comes again is so late: it is stamped by another clock."""

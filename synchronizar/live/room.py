@@ -46,7 +46,7 @@ AWAY_AFTER = 300.0
 """s: who has been away for so long is left out of what is told."""
 MOST_DEVICES = 64
 MOST_HELD = 512
-"""Poses of a device that wait until its clock is known."""
+"""Poses of a device, and ranges of a room, that wait until a device's clock is known."""
 _CHANGED_M, _CHANGED_RAD = 1e-3, 2e-4
 _LAST_ADDRESS = 0xFFFD
 
@@ -185,6 +185,7 @@ class Room:
         """Begins a client's second way for poses; None where the server has none."""
         self._recorder = recorder
         self._ranges: list[NewestRange] = []
+        self._held_ranges: list[tuple[float, str, str, float, dict[str, Any]]] = []
         self._placing: tuple[list[Device], Placing] | None = None
         self._untold = False
         self._told_at = self._frames_at = self._status_at = self._asked_at = self._stood_at = -np.inf
@@ -379,6 +380,10 @@ class Room:
         for device in self.devices.values():
             if device.held and device.clock.is_known(t):
                 self._give_held(device)
+        if self._held_ranges:
+            held, self._held_ranges = self._held_ranges, []
+            for measured in held:
+                self._take_range(*measured)
         if self.solver is not None and not self.recorded and t - self._asked_at >= 0.999 / UPDATES_A_SECOND:
             self._asked_at = t
             self.solver.advance(t)
@@ -601,6 +606,16 @@ class Room:
         return t
 
     def _take_range(self, t: float, a: str, b: str, distance: float, optional: dict[str, Any]) -> None:
+        if self._waits(a, b) and len(self._held_ranges) < MOST_HELD:
+            self._held_ranges.append((t, a, b, distance, optional))
+        else:
+            self._give_range(t, a, b, distance, optional)
+
+    def _waits(self, a: str, b: str) -> bool:
+        """Whether poses of either are held: a range is given after them."""
+        return bool(self.devices[a].held or self.devices[b].held)
+
+    def _give_range(self, t: float, a: str, b: str, distance: float, optional: dict[str, Any]) -> None:
         for name in (a, b):
             self.devices[name].ranges.append(t)
         self.sleeping.ranged(t, a, b)
