@@ -31,6 +31,8 @@ MAX_DISTANCE_MM = 10_000_000
 MAX_OFFSET_US = 10_000_000
 MAX_TIME_NS = 1 << 62
 WINDOW = 64
+MOST_DERIVED = 256
+"""Keys that are kept, of those that were derived."""
 
 UNKNOWN_SIGMA = 2**16 - 1
 UNKNOWN_POWER = -(2**15)
@@ -128,6 +130,8 @@ class RoomKeys:
         """The key that the reporter with this address is given at provisioning."""
         _check_address(address)
         if address not in self._derived:
+            if len(self._derived) >= MOST_DERIVED:
+                self._derived.clear()  # whoever sends rubbish names any address
             self._derived[address] = reporter_key(self._key, self._session, address)
         return self._derived[address]
 

@@ -40,6 +40,8 @@ from synchronizar.live.solver_wire import (
     framed,
 )
 
+_MOST_TOLD = 20
+"""Refusals that are told with one answer."""
 _NOBODY = "nobody is in the room yet"
 
 
@@ -63,7 +65,8 @@ class Solving:
         try:
             return self._do(command, serial)
         except ValueError as error:
-            self._refused.append(str(error))
+            if len(self._refused) < _MOST_TOLD:
+                self._refused.append(str(error))
             return None
 
     def close(self) -> None:

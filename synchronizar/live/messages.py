@@ -515,9 +515,14 @@ def _checked(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
         raise MessageError("malformed", f"not a JSON object of the protocol: {error}") from None
 
 
+def data_size(data: Any) -> int:
+    """Bytes of an application's data as JSON."""
+    return len(_encoder.encode(data))
+
+
 def data_too_large(data: Any) -> bool:
     """Whether an application's data has more than LARGEST_DATA bytes as JSON."""
-    return len(_encoder.encode(data)) > LARGEST_DATA
+    return data_size(data) > LARGEST_DATA
 
 
 def all_finite(*numbers: float) -> bool:

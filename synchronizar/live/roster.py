@@ -34,6 +34,8 @@ class Roster(msgspec.Struct):
     devices: list[KnownDevice]
     modules: dict[int, str]
     """Whose module has which address."""
+    given: dict[int, str] = {}
+    """Whose module ever had which."""
 
 
 _decoder = msgspec.json.Decoder(Roster)

@@ -27,7 +27,7 @@ from synchronizar.live.room import Room
 from synchronizar.live.room_host import RoomClock, RoomHost
 from synchronizar.live.roster import Roster, read_roster
 from synchronizar.live.udp import UdpPort
-from synchronizar.live.web import application
+from synchronizar.live.web import LOOPBACK, Site, runner
 from synchronizar.parameters import SleepParameters
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 IDLE_S = 3600.0
 """s after which a room without anybody is closed."""
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,8 @@ class Server:
     async def start(self) -> dict[str, object]:
         """Listen, open a room, and say where. Raises InputError where the port is taken."""
         options = self.options
-        self._runner = web.AppRunner(application(self.lobby, self.join_address, self.open_room), access_log=None)
+        strict = self._context is not None and options.certificate is not None
+        self._runner = runner(Site(self.lobby, self.join_address, self.open_room, options.public_url, strict))
         await self._runner.setup()
         site = web.TCPSite(self._runner, options.host, options.port, ssl_context=self._context)
         try:
@@ -125,7 +125,7 @@ class Server:
         except ModuleNotFoundError:
             return
         self._webtransport = await WebTransportPort.open(
-            self.options.host, port, lambda link: serve_link(link, self.lobby)
+            self.options.host, port, lambda link: serve_link(link, self.lobby), self.options.public_url
         )
         self.lobby.webtransport = self._webtransport.port, self._webtransport.certificate_sha256.hex()
 

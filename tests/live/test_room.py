@@ -11,10 +11,10 @@ import pytest
 from synchronizar.geometry import YawFrame
 from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, decode_order, encode_ranges
 from synchronizar.live import messages as m
-from synchronizar.live.lobby import TOKEN_S, TRIES_A_MINUTE, Lobby
+from synchronizar.live.lobby import TRIES_A_MINUTE, Lobby
 from synchronizar.live.messages import MessageError
 from synchronizar.live.pose_wire import PosesDown, PoseUp, decode_poses_down, encode_poses_up
-from synchronizar.live.room import Client, Room
+from synchronizar.live.room import TOKEN_S, Client, Room
 from synchronizar.live.solver_wire import Command, Lost, NewestRange, NewFrame, Pose, Range, Told
 
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
@@ -276,7 +276,7 @@ def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone
     np.testing.assert_allclose([r.t for r in ranges], 1000.05 + 0.05 * np.arange(40), atol=0.004)
     assert ranges[0].optional == {"source": "module", "sigma": 0.05, "rx_power": -80.0, "fp_power": -81.0, "nlos": 0.0}
     refused_ = house.room.status().refused
-    assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "peer": 1}
+    assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "datagram peer": 1}
 
 
 def test_modules_are_told_to_sleep_when_all_are_registered_and_to_range_on_when_one_is_not() -> None:

@@ -194,8 +194,10 @@ def test_rooms_of_two_servers_are_behind_one_address() -> None:
             serving(public_url=f"{public}/b/") as (second, in_b),
         ):
             ports |= {"a": first.port, "b": second.port}
-            async with aiohttp.ClientSession() as session, session.post(f"{public}/b/api/rooms") as response:
-                opened = await response.json()
+            async with aiohttp.ClientSession() as session:
+                asked = m.encode(m.Join(in_b.partition("#")[2]))
+                async with session.post(f"{public}/b/api/rooms", data=asked) as response:
+                    opened = await response.json()
             assert opened["join"] == f"{public}/b/#{opened['room']}"
             for address, room in ((in_a, first), (in_b, second), (opened["join"], second)):
                 async with await Client.join(address, ["alice"]) as alice:
@@ -210,10 +212,10 @@ def test_rooms_of_two_servers_are_behind_one_address() -> None:
 def test_rooms_cannot_be_opened_without_end() -> None:
     async def test() -> None:
         async with serving() as (server, address), aiohttp.ClientSession() as session:
-            base = address.partition("/#")[0]
+            base, _, code = address.partition("/#")
             statuses = []
             for _ in range(OPENED_A_MINUTE + 1):
-                async with session.post(f"{base}/api/rooms") as response:
+                async with session.post(f"{base}/api/rooms", data=m.encode(m.Join(code))) as response:
                     statuses.append(response.status)
             assert statuses == [200] * OPENED_A_MINUTE + [429]
             assert len(server.lobby.rooms) == OPENED_A_MINUTE + 1
