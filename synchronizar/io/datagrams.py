@@ -209,16 +209,17 @@ def decode_order(datagram: bytes, key: bytes) -> OrderDatagram:
 class Window:
     """Replay protection: which of one sender's newest sequence and the 63 before it were taken."""
 
-    def __init__(self) -> None:
-        self._newest = -WINDOW
-        self._taken = 0  # bit i: newest - i
+    def __init__(self, newest: int = -WINDOW) -> None:
+        """`newest`: all up to it were taken."""
+        self.newest = newest
+        self._taken = _U64 - 1 if newest >= 0 else 0  # bit i: newest - i
 
     def take(self, sequence: int) -> bool:
         """Take a sequence: True once for each that is not too old, False for one that was taken before."""
-        ahead = sequence - self._newest
+        ahead = sequence - self.newest
         if ahead > 0:
             self._taken = (self._taken << min(ahead, WINDOW) | 1) & (_U64 - 1)
-            self._newest = sequence
+            self.newest = sequence
             return True
         bit = 1 << -ahead if -ahead < WINDOW else self._taken
         if not bit or self._taken & bit:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from threading import Lock
+from typing import Any
 
 import msgspec
 
@@ -19,7 +20,8 @@ from synchronizar.live import messages as m
 
 STATE_FILE = "solver.state"
 RESUME_FILE = "resume.json"
-ROOM_FILE = "room.json"
+_MOST_WAITING = 64 * 1024 * 1024
+"""Bytes of one file that wait for a disk that is full."""
 
 
 def recorded_name(user: str, session: int) -> str:
@@ -29,13 +31,18 @@ def recorded_name(user: str, session: int) -> str:
 
 @dataclass
 class _File:
-    handle: IO[str]
+    written: int
+    """Bytes on disk."""
     size: int
-    """Bytes that are written or wait to be."""
+    """With those that wait."""
+    lines: list[str] = field(default_factory=list)
 
 
 class FolderRecorder:
-    """One room's folder. Lines are gathered and written by `flush`, which the caller calls once a second."""
+    """One room's folder. Lines wait in memory and are written by `flush`, which the caller calls once a second.
+
+    No file stays open, of however many frames devices have tracks.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError where the folder cannot be written."""
@@ -43,12 +50,15 @@ class FolderRecorder:
         self._files: dict[str, _File] = {}
         self._users: dict[str, User] = {}
         self._settings_changed = False
+        self._lock = Lock()
+        """Lines come while others are being written."""
         with os_faults(folder):
             (folder / "tracks").mkdir(parents=True, exist_ok=True)
-            for track in (folder / "tracks").glob("*.tum"):
-                self._open(f"tracks/{track.name}")
-            ranges = self._open("ranges.csv")
-        if ranges.size == 0:
+            (folder / "ranges.csv").touch()
+            for path in (folder / "ranges.csv", *(folder / "tracks").glob("*.tum")):
+                size = _end_line(path)
+                self._files[path.relative_to(folder).as_posix()] = _File(size, size)
+        if self._files["ranges.csv"].size == 0:
             self._write("ranges.csv", ",".join(REQUIRED + OPTIONAL) + "\n")
 
     def user(self, settings: m.UserSettings, session: int) -> None:
@@ -77,15 +87,36 @@ class FolderRecorder:
         return {name: file.size for name, file in self._files.items()}
 
     def flush(self) -> None:
-        """On disk. Raises InputError where the disk is full or gone."""
+        """On disk, from any one thread at a time. Raises InputError where the disk is full or gone."""
         with os_faults(self.folder):
             if self._settings_changed:
                 self._settings_changed = False
-                there = [user for name, user in self._users.items() if self._is_there(name)]
+                there = [user for name, user in list(self._users.items()) if self._is_there(name)]
                 write_recording_toml(self.folder / "recording.toml", there)
-            for file in self._files.values():
-                file.handle.flush()
-                os.fsync(file.handle.fileno())
+            for name, file in list(self._files.items()):
+                if file.lines:
+                    self._append(self.folder / name, file)
+
+    def _append(self, path: Path, file: _File) -> None:
+        """Lines that cannot be written wait for the next time, up to a point; half a line is never left."""
+        with self._lock:
+            lines, file.lines = file.lines, []
+        data = "".join(lines).encode()
+        try:
+            with path.open("ab") as out:
+                out.truncate(file.written)
+                out.write(data)
+                out.flush()
+                os.fsync(out.fileno())
+        except OSError:
+            with self._lock:
+                if len(data) <= _MOST_WAITING:
+                    file.lines = lines + file.lines
+                else:
+                    file.size -= len(data)
+            self._settings_changed = True
+            raise
+        file.written += len(data)
 
     def note(self, name: str, value: Any) -> None:
         """A small file beside the recording, replaced as a whole."""
@@ -98,38 +129,32 @@ class FolderRecorder:
             half.replace(self.folder / name)
 
     def close(self) -> None:
-        """All on disk, and no file open."""
+        """All on disk."""
         with suppress(InputError):
             self.flush()
-        for file in self._files.values():
-            file.handle.close()
-        self._files.clear()
 
     def _is_there(self, name: str) -> bool:
         """Whether a recording can have this user: a radio that stands still, or a device with a pose."""
         user = self._users.get(name)
         return (user is not None and user.static) or f"tracks/{name}.tum" in self._files
 
-    def _open(self, name: str) -> _File:
-        if name not in self._files:
-            self._settings_changed = True
-            handle = (self.folder / name).open("a", encoding="utf-8", newline="")
-            _end_line(self.folder / name, handle)
-            self._files[name] = _File(handle, handle.tell())
-        return self._files[name]
-
     def _write(self, name: str, line: str) -> None:
-        file = self._open(name)
-        file.handle.write(line)
-        file.size += len(line.encode())
+        if name not in self._files:
+            self._files[name] = _File(0, 0)
+            self._settings_changed = True
+        file = self._files[name]
+        with self._lock:
+            file.lines.append(line)
+            file.size += len(line.encode())
 
 
-def _end_line(path: Path, handle: IO[str]) -> None:
-    """Whoever was killed while it wrote left half a line: it is cut off."""
+def _end_line(path: Path) -> int:
+    """Whoever was killed while it wrote left half a line: it is cut off. Returns the bytes that stay."""
     data = path.read_bytes()
-    if data and not data.endswith(b"\n"):
-        handle.truncate(data.rfind(b"\n") + 1)
-        handle.seek(0, os.SEEK_END)
+    whole = data.rfind(b"\n") + 1
+    if whole < len(data):
+        os.truncate(path, whole)
+    return whole
 
 
 def _quoted(name: str) -> str:

@@ -196,7 +196,8 @@ class Room:
     def roster(self) -> Roster:
         """What has to be remembered to open it again."""
         devices = [KnownDevice(d.settings, d.owner, d.frame, d.session) for d in self.devices.values()]
-        return Roster(self.code, self.key.hex(), devices, dict(self.modules), dict(self.given))
+        modules, given, sequences = dict(self.modules), dict(self.given), self.receiver.sequences()
+        return Roster(self.code, self.key.hex(), devices, modules, given, sequences)
 
     def restore(self, roster: Roster) -> None:
         """Its devices as they were; all of them are away."""
@@ -210,6 +211,7 @@ class Room:
                     if session == 0 or alike(recorded_name(device.name, session)) not in names:
                         self._recorder.user(known.settings, session)
         self.modules, self.given = dict(roster.modules), roster.modules | roster.given
+        self.receiver.go_on(roster.sequences)
 
     # Coming and going
 

@@ -43,7 +43,7 @@ class RoomHost:
         self._temporary = tempfile.TemporaryDirectory(prefix="synchronizar-") if recorder is None else None
         self._state = (Path(self._temporary.name) if recorder is None else recorder.folder) / STATE_FILE  # type: ignore[union-attr]
         self._offsets: dict[int, dict[str, int]] = {}
-        self._roster_version = -1
+        self._roster_version = -1, 0
         self._tasks: list[asyncio.Task[None]] = []
 
     def start(self) -> None:
@@ -90,7 +90,7 @@ class RoomHost:
                 await task
         if self._recorder is not None:
             with suppress(InputError):
-                await asyncio.to_thread(self._flush, self._recorder)
+                await asyncio.to_thread(self._flush, self._recorder, self._new_roster())
             self._recorder.close()
         if self._objects is not None:
             self._objects.close()
@@ -111,20 +111,28 @@ class RoomHost:
         while True:
             await asyncio.sleep(FLUSH_S)
             try:
-                await asyncio.to_thread(self._flush, recorder)
+                await asyncio.to_thread(self._flush, recorder, self._new_roster())
                 told = False
             except InputError as error:
+                self._roster_version = -1, 0
                 if not told:
                     self.room.event(f"the room is not recorded: {error}")
                 told = True
 
-    def _flush(self, recorder: FolderRecorder) -> None:
+    def _new_roster(self) -> Roster | None:
+        """The room's, where it is another one than was written last; made here, where nothing else changes it."""
+        version = self.room.roster_version, self.room.receiver.datagrams
+        if version == self._roster_version:
+            return None
+        self._roster_version = version
+        return self.room.roster()
+
+    def _flush(self, recorder: FolderRecorder, roster: Roster | None) -> None:
         recorder.flush()
         if self._objects is not None:
             self._objects.flush()
-        if (version := self.room.roster_version) != self._roster_version:
-            write_roster(recorder.folder, self.room.roster())
-            self._roster_version = version
+        if roster is not None:
+            write_roster(recorder.folder, roster)
 
     def _saving(self, serial: int) -> None:
         """A state with all blocks up to `serial` is being written: what is recorded until now is in it."""

@@ -106,6 +106,8 @@ class SolverProcess:
         if isinstance(command, NewFrame):
             self._frames[command.user] = command.frame
         self._pending.append(command)
+        if len(self._pending) > _MOST_KEPT:  # a solver that answers nothing more, and is not asked
+            self._pending = [command for command in self._pending if not isinstance(command, Pose | Range)]
 
     def advance(self, t: float) -> None:
         """Ask what is known at `t`. One that is behind is not asked until it has answered, unless time is recorded."""
