@@ -79,18 +79,20 @@ async def _hear_all(received: AsyncIterator[str | bytes], room: Room, client: Cl
             return
         if client.recorded:
             await room.drained()
-        elif not client.allowance.word(room.now(), len(data)):
-            room.refuse(client, MessageError("rate", "too many words, or bytes, a second: say less"))
-            continue
-        if isinstance(data, bytes):
-            room.hear_poses(client, data)
-            continue
-        try:
-            message = m.decode_from_client(data)
-        except MessageError as error:
-            room.refuse(client, error)
-            continue
-        room.hear(client, message)
+        hear_word(room, client, data)
+
+
+def hear_word(room: Room, client: Client, data: str | bytes) -> None:
+    """A word or poses, as they came; what makes no sense is refused."""
+    if not client.recorded and not client.allowance.word(room.now(), len(data)):
+        return room.refuse(client, MessageError("rate", "too many words, or bytes, a second: say less"))
+    if isinstance(data, bytes):
+        return room.hear_poses(client, data)
+    try:
+        message = m.decode_from_client(data)
+    except MessageError as error:
+        return room.refuse(client, error)
+    return room.hear(client, message)
 
 
 async def _send(client: Client, link: Link) -> None:

@@ -43,8 +43,6 @@ then let nobody past their warning."""
 _LARGEST_BODY = 64 * 1024
 _ANSWERED_WITHIN_S = 15.0
 """s from a request's head to its answer, connections apart: who sends a body so slowly is not waited for."""
-
-
 _KEPT_S = 30.0
 """s for which a connection is kept for the next request."""
 _ASKS_WITHIN_S = 10.0
