@@ -10,6 +10,7 @@ from synchronizar.geometry import YawFrame
 from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, encode_ranges
 from synchronizar.live import messages as m
 from synchronizar.live.pose_wire import PosesDown, PoseUp, decode_poses_down, encode_poses_up
+from synchronizar.live.recorder import FolderRecorder
 from synchronizar.live.room import Client, Room
 from synchronizar.live.solver_wire import Command, NewestRange, Told
 
@@ -51,9 +52,9 @@ class FakeSolver:
 class House:
     """A room with its clock and solver."""
 
-    def __init__(self) -> None:
-        self.clock = Clock()
-        self.room = Room("CODE", self.clock, key=bytes(32))
+    def __init__(self, recorder: FolderRecorder | None = None) -> None:
+        self.clock, self.recorder = Clock(), recorder
+        self.room = Room("CODE", self.clock, key=bytes(32), recorder=recorder)
         self.solver = FakeSolver()
         self.room.solver = self.solver
 
