@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ import aiohttp
 import numpy as np
 import pytest
 from aiohttp import web
+from support.serving import run, serving
 
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
@@ -21,7 +20,6 @@ from synchronizar.live import messages as m
 from synchronizar.live.client import Client
 from synchronizar.live.lobby import OPENED_A_MINUTE
 from synchronizar.live.play import play
-from synchronizar.live.server import Server, ServerOptions
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
 
@@ -29,20 +27,6 @@ from synchronizar.simulation.simulate import simulate
 @pytest.fixture(scope="module")
 def walk() -> Recording:
     return simulate(Scene(users=2, seconds=9.0, seed=4, up="y")).recording
-
-
-@asynccontextmanager
-async def serving(**options: Any) -> AsyncIterator[tuple[Server, str]]:
-    server = Server(ServerOptions(host="127.0.0.1", port=0, udp_port=0, tls=False, **options), None)
-    try:
-        where = await server.start()
-        yield server, str(where["join"])
-    finally:
-        await server.close()
-
-
-def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    asyncio.run(asyncio.wait_for(test(), 120.0))
 
 
 def test_a_recording_that_is_played_has_the_same_answer_at_any_speed_and_is_recorded_as_it_was(
