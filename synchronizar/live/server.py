@@ -11,6 +11,7 @@ import ssl
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,6 +72,7 @@ async def serve(options: ServerOptions, started: Callable[[dict[str, object]], N
     if options.resume and options.record is None:
         raise InputError("--resume", "needs --record DIR: the folder in which the rooms were recorded")
     context = server_context(options.certificate)[0] if options.tls else None
+    _open_many_files()
     server = Server(options, context)
     try:
         started(await server.start())
@@ -216,6 +218,15 @@ def announce(where: dict[str, object], options: ServerOptions) -> None:
 
         segno.make(str(where["join"]), error="m").terminal(compact=True)
     sys.stdout.flush()
+
+
+def _open_many_files() -> None:
+    """As many as this user may: each connection is one, and some systems begin with 256."""
+    with suppress(ImportError, ValueError, OSError):
+        import resource
+
+        _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
 async def _ended() -> None:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
+from typing import get_args
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from support.house import NO_TURN, House, datagram, only, refused
 
 from synchronizar.live import messages as m
@@ -329,6 +333,38 @@ def test_a_room_at_a_recordings_time_hears_no_modules(house: House) -> None:
     house.room.hear(player, m.Module("bob", 8))
     assert house.room.hear_datagram(datagram(house, 7, 8, 1, 5.0, 4000, house.room.keys.of(7)), 1000.0) is None
     assert house.room.status().refused == {"datagram time": 1}
+
+
+_ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=8,
+)
+_FIELDS = sorted({field for kind in get_args(m.FromClient) for field in kind.__struct_fields__})
+_SAID = st.dictionaries(st.sampled_from(_FIELDS), _ANYTHING, max_size=6)
+_TYPES = sorted(kind.__struct_config__.tag for kind in get_args(m.FromClient))
+
+
+_WORD = st.binary(max_size=400) | st.text(max_size=200) | st.tuples(st.sampled_from(_TYPES), _SAID)
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(_WORD, max_size=10))
+def test_whatever_a_client_says_the_room_goes_on(said: list[bytes | str | tuple[str, dict[str, object]]]) -> None:
+    house = House()
+    alice, _ = house.enter("alice")
+    bob, _ = house.enter("bob")
+    for word in said:
+        if isinstance(word, tuple):
+            word = json.dumps(word[1] | {"type": word[0]})
+        if not alice.outbox.closed:
+            hear_word(house.room, alice, word)
+        if isinstance(word, bytes):
+            house.room.hear_datagram(word, house.clock.t)
+    house.room.tick()
+    house.said_to(bob)
+    house.pose(bob, 1.0)
+    assert [pose.user for pose in house.solver.of(Pose)][-1:] == ["bob"]
 
 
 # Floods

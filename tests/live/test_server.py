@@ -98,7 +98,7 @@ def test_without_a_token_there_is_nothing_but_pages() -> None:
             async with session.get(base) as response:
                 assert response.status == 200
                 assert "default-src 'none'" in response.headers["Content-Security-Policy"]
-            assert server.lobby.refused == {"token": 1}
+            assert server.lobby.refused == {"token": 1, "room": 1}
 
     run(test)
 
