@@ -26,7 +26,7 @@ JOINS_A_MINUTE = 600
 """Tokens for one address; it may be a gateway's, or a proxy's that does not say for whom it asks."""
 MOST_TOKENS = 5000
 """Tokens that wait for their hello."""
-MOST_WAITING, MOST_WAITING_FROM_ONE = 512, 64
+MOST_WAITING, MOST_WAITING_FROM_ONE = 512, 128
 """Connections that have not said hello yet, in all and from one address."""
 
 

@@ -66,7 +66,8 @@ class Join(_Message):
     time: Literal["live", "recorded"] = "live"
     """`recorded`: stamps are those of a recording, and the room's time is what this client's `clock` says."""
     resume: str | None = None
-    """The `resume` of an earlier answer, to be the same devices again after a reload or another network."""
+    """The `resume` of an earlier answer, to be the same devices again after a reload or in another network.
+    One that the room does not know opens nothing, and is answered by a new one."""
 
 
 class Joined(_Message):
@@ -148,7 +149,7 @@ class Module(_Message, tag="module"):
 
     user: str
     address: int
-    """0 to 65533."""
+    """0 to 65533. One that was another device's before is refused: somebody has its key."""
 
 
 class Clock(_Message, tag="clock"):
