@@ -35,14 +35,14 @@ Object.assign(rules, {
 });
 
 export default [
-  { ignores: ["**/vendor/**", "build/**", ".venv/**"] },
+  { ignores: ["**/vendor/**", "**/node_modules/**", "build/**", ".venv/**"] },
   {
     files: ["synchronizar/live/pages/**/*.js"],
     languageOptions: { ecmaVersion: 2023, sourceType: "module", globals: readonly(browser) },
     rules,
   },
   {
-    files: ["tests/**/*.js"],
+    files: ["tests/**/*.js", "examples/**/*.js"],
     languageOptions: { ecmaVersion: 2023, sourceType: "module", globals: readonly([...browser, "Buffer", "TransformStream", "process"]) },
     rules,
   },

@@ -291,10 +291,9 @@ NB_MODULE(_core, m) {
   nb::class_<WalkSolver>(m, "WalkSolver")
       .def(
           "__init__",
-          [](WalkSolver* self, int reference, bool calibrated, const Numbers& first, const Column& t,
-             const Points& slam, const Numbers& keyframe_i, const Numbers& keyframe_j,
-             const std::array<Points, 3>& i, const std::array<Points, 3>& j, const Column& measured,
-             const Column& sigma) {
+          [](WalkSolver* self, int reference, const Numbers& first, const Column& t, const Points& slam,
+             const Numbers& keyframe_i, const Numbers& keyframe_j, const std::array<Points, 3>& i,
+             const std::array<Points, 3>& j, const Column& measured, const Column& sigma) {
             check_bounds(first, t.size());
             const int users = static_cast<int>(first.size()) - 1;
             require(0 <= reference && reference < users, "the reference is nobody");
@@ -312,11 +311,11 @@ NB_MODULE(_core, m) {
             const Antennas at_i{i[0], i[1], i[2]}, at_j{j[0], j[1], j[2]};
             check_antennas(at_i, n);
             check_antennas(at_j, n);
-            new (self) WalkSolver(Walks{users, reference, calibrated, first, t, slam, keyframe_i, keyframe_j,
-                                        at_i, at_j, measured, sigma});
+            new (self) WalkSolver(
+                Walks{users, reference, first, t, slam, keyframe_i, keyframe_j, at_i, at_j, measured, sigma});
           },
-          "reference"_a, "calibrated"_a, "first"_a, "t"_a, "slam"_a, "keyframe_i"_a, "keyframe_j"_a, "i"_a,
-          "j"_a, "measured"_a, "sigma"_a)
+          "reference"_a, "first"_a, "t"_a, "slam"_a, "keyframe_i"_a, "keyframe_j"_a, "i"_a, "j"_a,
+          "measured"_a, "sigma"_a)
       .def(
           "residuals",
           [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
@@ -574,7 +573,10 @@ NB_MODULE(_core, m) {
       [](const PoseTable& table, const std::array<int, 3>& columns, const Column& t, double longest) {
         require(table.rows() > 0, "at least one pose is needed");
         for (size_t k = 0; k < 3; ++k) {
-          require(columns[k] >= 0 && columns[k] + (k == 0 ? 1 : k == 1 ? 3 : 4) <= table.cols(),
+          require(columns[k] >= 0 && columns[k] + (k == 0   ? 1
+                                                   : k == 1 ? 3
+                                                            : 4) <=
+                                         table.cols(),
                   "the poses have no such column");
         }
         const PosesAt found = poses_at(table, {columns[0], columns[1], columns[2]}, t, longest);
@@ -641,9 +643,10 @@ NB_MODULE(_core, m) {
 
   m.def(
       "common_shift",
-      [](const Numbers& bounds, const Column& t, const Points& away, const Column& distance, const Column& sigma,
-         const Column& nlos_odds, const Column& share, const Column& weight, const Eigen::Vector3d& precision,
-         const Points& starts, const NlosMixture& loss, const Bursts& bursts) {
+      [](const Numbers& bounds, const Column& t, const Points& away, const Column& distance,
+         const Column& sigma, const Column& nlos_odds, const Column& share, const Column& weight,
+         const Eigen::Vector3d& precision, const Points& starts, const NlosMixture& loss,
+         const Bursts& bursts) {
         const auto n = t.size();
         check_bounds(bounds, n);
         require(away.rows() == n && distance.size() == n && sigma.size() == n && nlos_odds.size() == n &&
@@ -664,8 +667,8 @@ NB_MODULE(_core, m) {
                                                precision, starts, loss, bursts);
         return std::pair(found.shift, found.gain);
       },
-      "bounds"_a, "t"_a, "away"_a, "distance"_a, "sigma"_a, "nlos_odds"_a, "share"_a, "weight"_a, "precision"_a,
-      "starts"_a, "loss"_a, "bursts"_a);
+      "bounds"_a, "t"_a, "away"_a, "distance"_a, "sigma"_a, "nlos_odds"_a, "share"_a, "weight"_a,
+      "precision"_a, "starts"_a, "loss"_a, "bursts"_a);
 
   m.def(
       "search_heights",

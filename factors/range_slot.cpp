@@ -132,7 +132,7 @@ Eigen::MatrixXd RangeSlot::normal(const Devices& devices, const Loss& loss,
   const Eigen::Index own = kOwnColumns, residual = own * users();
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(residual + 1, residual + 1);
   Column height_information = Column::Zero(static_cast<Eigen::Index>(pairs().size()));
-  RowSquares<kOwnColumns> sum;
+  RowSquares sum;
   const auto add_squares = [&](int pair) {
     const PairSquares squares = sum.of_columns();
     const auto [i, j] = pairs()[static_cast<size_t>(pair)];
@@ -153,10 +153,9 @@ Eigen::MatrixXd RangeSlot::normal(const Devices& devices, const Loss& loss,
         for (Eigen::Index n = 0; n < size(); ++n) {
           if (n > 0 && ranges_->pair[n] != ranges_->pair[n - 1]) add_squares(ranges_->pair[n - 1]);
           height_information[ranges_->pair[n]] +=
-              add_range<kOwnColumns>(sum, kind, loss.annealing,
-                                     devices[static_cast<size_t>(ranges_->user_i[n])],
-                                     devices[static_cast<size_t>(ranges_->user_j[n])], ranges_->i.at(n),
-                                     ranges_->j.at(n), ranges_->measured[n], traits(n), range_weight_[n])
+              add_range(sum, kind, loss.annealing, devices[static_cast<size_t>(ranges_->user_i[n])],
+                        devices[static_cast<size_t>(ranges_->user_j[n])], ranges_->i.at(n), ranges_->j.at(n),
+                        ranges_->measured[n], traits(n), range_weight_[n])
                   .height_curvature;
         }
         if (size() > 0) add_squares(ranges_->pair[size() - 1]);

@@ -72,20 +72,14 @@ class DeviceAtKeyframe {
   Vector3 place_;
 };
 
-// The squares of rows of one pair: i's own columns, j's, and the residual. Where calibrations are no
-// variables the places' four columns are all.
-template <int kColumns>
-using SquaresOf = Eigen::Matrix<double, 2 * kColumns + 1, 2 * kColumns + 1>;
-using PairSquares = SquaresOf<kOwnColumns>;
+// The squares of rows of one pair: i's own columns, j's, and the residual.
+using PairSquares = Eigen::Matrix<double, 2 * kOwnColumns + 1, 2 * kOwnColumns + 1>;
 
 // Rows of one pair have the direction and the bias in both users' columns, so that their squares are summed
 // by fewer numbers: direction (3), both yaws, both scales and clocks, bias, residual.
-template <int kColumns>
 class RowSquares {
-  static_assert(kColumns == 4 || kColumns == kOwnColumns);
-
  public:
-  static constexpr int kNumbers = kColumns == 4 ? 6 : 11;
+  static constexpr int kNumbers = 11;
   using Row = Eigen::Matrix<double, kNumbers, 1>;
 
   void clear() { sum_.setZero(); }
@@ -93,24 +87,22 @@ class RowSquares {
   void add(const Row& row, double weight) { sum_.noalias() += (weight * row) * row.transpose(); }
 
   // By the columns of both users.
-  SquaresOf<kColumns> of_columns() const {
-    SquaresOf<kColumns> out;
-    for (int b = 0; b < 2 * kColumns + 1; ++b) {
+  PairSquares of_columns() const {
+    PairSquares out;
+    for (int b = 0; b < out.cols(); ++b) {
       const int column = number(b);
-      for (int a = 0; a < 2 * kColumns + 1; ++a) out(a, b) = sign(a) * sign(b) * sum_(number(a), column);
+      for (int a = 0; a < out.rows(); ++a) out(a, b) = sign(a) * sign(b) * sum_(number(a), column);
     }
     return out;
   }
 
  private:
   static constexpr int number(int column) {
-    constexpr std::array<int, 9> kPlaces{0, 1, 2, 3, 0, 1, 2, 4, 5};
-    constexpr std::array<int, 15> kAll{0, 1, 2, 3, 5, 9, 6, 0, 1, 2, 4, 7, 9, 8, 10};
-    if constexpr (kColumns == 4) return kPlaces[static_cast<size_t>(column)];
-    return kAll[static_cast<size_t>(column) % kAll.size()];
+    constexpr std::array<int, 15> kOf{0, 1, 2, 3, 5, 9, 6, 0, 1, 2, 4, 7, 9, 8, 10};
+    return kOf[static_cast<size_t>(column)];
   }
   static constexpr double sign(int column) {
-    return column >= kColumns && column < kColumns + 3 ? -1.0 : 1.0;
+    return column >= kOwnColumns && column < kOwnColumns + 3 ? -1.0 : 1.0;
   }
 
   Eigen::Matrix<double, kNumbers, kNumbers> sum_ = Eigen::Matrix<double, kNumbers, kNumbers>::Zero();
@@ -122,10 +114,10 @@ struct RangeTerms {
 };
 
 // Add the squared row of one range.
-template <int kColumns, class Kind>
-RangeTerms add_range(RowSquares<kColumns>& squares, const Kind& kind, double annealing,
-                     const DeviceAtKeyframe& i, const DeviceAtKeyframe& j, const Antenna& a_i,
-                     const Antenna& a_j, double measured, const RangeTraits& traits, double range_weight) {
+template <class Kind>
+RangeTerms add_range(RowSquares& squares, const Kind& kind, double annealing, const DeviceAtKeyframe& i,
+                     const DeviceAtKeyframe& j, const Antenna& a_i, const Antenna& a_j, double measured,
+                     const RangeTraits& traits, double range_weight) {
   const Vector3 arm_i = i.arm(a_i), arm_j = j.arm(a_j);
   const Line line(i.place() + arm_i, j.place() + arm_j);
   const double e = (line.distance + i.range_bias() + j.range_bias() - measured) / traits.sigma;
@@ -134,19 +126,17 @@ RangeTerms add_range(RowSquares<kColumns>& squares, const Kind& kind, double ann
   if (root == 0.0) return {range_weight * value.rho, 0.0};
   const double slope = value.weight * e;
   const Vector3& d = line.direction;
-  constexpr int kResidual = RowSquares<kColumns>::kNumbers - 1;
-  typename RowSquares<kColumns>::Row row;
-  row.template head<3>() = d;
+  constexpr int kResidual = RowSquares::kNumbers - 1;
+  RowSquares::Row row;
+  row.head<3>() = d;
   row[3] = d.y() * arm_i.x() - d.x() * arm_i.y();
   row[4] = d.x() * arm_j.y() - d.y() * arm_j.x();
-  if constexpr (kColumns == kOwnColumns) {
-    row[5] = i.scale() * d.dot(i.turned(a_i.offset));
-    row[6] = d.dot(i.turned(a_i.velocity));
-    row[7] = -j.scale() * d.dot(j.turned(a_j.offset));
-    row[8] = -d.dot(j.turned(a_j.velocity));
-    row[9] = 1.0;
-  }
-  row.template head<kResidual>() *= root / traits.sigma;
+  row[5] = i.scale() * d.dot(i.turned(a_i.offset));
+  row[6] = d.dot(i.turned(a_i.velocity));
+  row[7] = -j.scale() * d.dot(j.turned(a_j.offset));
+  row[8] = -d.dot(j.turned(a_j.velocity));
+  row[9] = 1.0;
+  row.head<kResidual>() *= root / traits.sigma;
   row[kResidual] = slope / root;
   squares.add(row, range_weight);
   return {range_weight * value.rho, range_weight * line.height_curvature(slope / traits.sigma)};

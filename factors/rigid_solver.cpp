@@ -7,18 +7,13 @@
 #include <cmath>
 #include <utility>
 
+#include "factors/gauss_newton.h"
+
 namespace synchronizar {
 
 namespace {
 
-constexpr double kSufficient = 1e-4;       // of the gain that the linear model predicts (Armijo's condition)
-constexpr double kShorter = 0.4;           // factor on the step's length at each attempt
-constexpr double kShortest = 1e-3;         // of the full step
 constexpr double kLeastInformation = 0.1;  // share of it that is left where the cost bends downwards
-
-constexpr double kFullTurn = 6.283185307179586;
-
-double wrapped(double angle) { return std::remainder(angle, kFullTurn); }
 
 pair_sums::Place place_of(const Frames& frames, int user) {
   const auto f = frames.row(user);

@@ -6,18 +6,9 @@
 #include <cmath>
 #include <numeric>
 
+#include "factors/gauss_newton.h"
+
 namespace synchronizar {
-namespace {
-
-constexpr double kSufficient = 1e-4;  // of the gain that the linear model predicts (Armijo's condition)
-constexpr double kShorter = 0.4;      // factor on the step's length at each attempt
-constexpr double kShortest = 1e-3;    // of the full step
-
-constexpr double kFullTurn = 6.283185307179586;
-
-double wrapped(double angle) { return std::remainder(angle, kFullTurn); }
-
-}  // namespace
 
 // ---- the matrix ----
 
@@ -131,10 +122,8 @@ WalkSolver::WalkSolver(Walks walks) : walks_(std::move(walks)) {
     return Where{border, sizes_.back() - size};
   };
   for (const int n : standing) keyframe_at_[static_cast<size_t>(n)] = in_border(4);
-  if (walks_.calibrated) {
-    for (Where& at : device_at_) at = in_border(3);
-    shared_at_ = in_border(3);
-  }
+  for (Where& at : device_at_) at = in_border(3);
+  shared_at_ = in_border(3);
   mean_height_at_ = in_border(1);
 
   connected_from_.resize(sizes_.size());
@@ -177,7 +166,7 @@ WalkSolver::System WalkSolver::zero() const {
 }
 
 double WalkSolver::height_by_scale(int keyframe, const WalkStates& states) const {
-  if (!walks_.calibrated || keyframe_at_[static_cast<size_t>(keyframe)].group >= 0) return 0.0;
+  if (keyframe_at_[static_cast<size_t>(keyframe)].group >= 0) return 0.0;
   return std::exp(states.calibration(user_[keyframe], 0)) * walks_.slam(keyframe, 2);
 }
 
@@ -188,7 +177,7 @@ void WalkSolver::bend(System& system, const Bend& by, const WalkStates& states) 
     double moves = 1.0;
     if (at.group >= 0) {
       at.offset += 2;
-    } else if (walks_.calibrated) {
+    } else {
       at = device_at_[static_cast<size_t>(user_[key])];
       moves = height_by_scale(key, states);
     }
@@ -216,15 +205,13 @@ WalkStates WalkSolver::moved(const WalkStates& states, const BorderedEnvelope::S
     out.places.row(n) += length * step[static_cast<size_t>(at.group)].block<4, 1>(at.offset, 0).transpose();
     out.places(n, 3) = wrapped(out.places(n, 3));
   }
-  if (walks_.calibrated) {
-    for (Eigen::Index u = 0; u < walks_.users; ++u) {
-      const Where& at = device_at_[static_cast<size_t>(u)];
-      out.calibration.row(u) +=
-          length * step[static_cast<size_t>(at.group)].block<3, 1>(at.offset, 0).transpose();
-    }
-    const int first = walks_.first[walks_.reference];
-    out.places(first, 2) = std::exp(out.calibration(walks_.reference, 0)) * walks_.slam(first, 2);
+  for (Eigen::Index u = 0; u < walks_.users; ++u) {
+    const Where& at = device_at_[static_cast<size_t>(u)];
+    out.calibration.row(u) +=
+        length * step[static_cast<size_t>(at.group)].block<3, 1>(at.offset, 0).transpose();
   }
+  const int first = walks_.first[walks_.reference];
+  out.places(first, 2) = std::exp(out.calibration(walks_.reference, 0)) * walks_.slam(first, 2);
   return out;
 }
 
@@ -255,12 +242,11 @@ Column WalkSolver::residuals(const WalkStates& states, const Column& assumed_clo
   return out;
 }
 
-template <int kColumns>
 void WalkSolver::add_ranges(System& system, const WalkStates& states, const WalkNoise& noise,
                             const Loss& loss, const Column* height_curvature) const {
   const auto at = devices(states, noise.assumed_clock);
   const Eigen::Index n = walks_.measured.size();
-  RowSquares<kColumns> sum;
+  RowSquares sum;
   std::visit(
       [&](const auto& kind) {
         for (Eigen::Index begin = 0, end = 0; begin < n; begin = end) {
@@ -270,7 +256,7 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
           sum.clear();
           double height_information = 0.0, replaced = 0.0;
           for (; end < n && walks_.keyframe_i[end] == key_i && walks_.keyframe_j[end] == key_j; ++end) {
-            const RangeTerms terms = add_range<kColumns>(
+            const RangeTerms terms = add_range(
                 sum, kind, loss.annealing, i, j, walks_.i.at(end), walks_.j.at(end), walks_.measured[end],
                 {walks_.sigma[end], noise.nlos_odds[end]}, noise.range_weight[end]);
             system.cost += terms.loss;
@@ -278,35 +264,30 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
             if (height_curvature != nullptr) replaced += (*height_curvature)[end];
           }
           if (height_curvature != nullptr) height_information = replaced;
-          SquaresOf<kColumns> squares = sum.of_columns();
+          PairSquares squares = sum.of_columns();
           using Columns = std::array<std::pair<Where, int>, 2>;
           const Columns places{{{keyframe_at_[static_cast<size_t>(key_i)], 0},
-                                {keyframe_at_[static_cast<size_t>(key_j)], kColumns}}};
-          if constexpr (kColumns == kOwnColumns) {
-            // A keyframe that is fixed moves in height by its device's scale.
-            for (const auto& [first, key] : {std::pair(0, key_i), std::pair(kColumns, key_j)}) {
-              const double by_scale = height_by_scale(key, states);
-              if (by_scale == 0.0) continue;
-              squares.col(first + 4) += by_scale * squares.col(first + 2);
-              squares.row(first + 4) += by_scale * squares.row(first + 2);
-            }
-            const Columns of_devices{{{device_at_[static_cast<size_t>(user_[key_i])], 4},
-                                      {device_at_[static_cast<size_t>(user_[key_j])], kColumns + 4}}};
-            for (const auto& [a, row] : of_devices) {
-              system.add(a, a, squares.template block<3, 3>(row, row));
-              system.add_gradient(a, squares.template block<3, 1>(row, 2 * kColumns));
-              for (const auto& [b, column] : places) {
-                system.add(a, b, squares.template block<3, 4>(row, column));
-              }
-            }
-            system.add(of_devices[0].first, of_devices[1].first,
-                       squares.template block<3, 3>(4, kColumns + 4));
+                                {keyframe_at_[static_cast<size_t>(key_j)], kOwnColumns}}};
+          // A keyframe that is fixed moves in height by its device's scale.
+          for (const auto& [first, key] : {std::pair(0, key_i), std::pair(kOwnColumns, key_j)}) {
+            const double by_scale = height_by_scale(key, states);
+            if (by_scale == 0.0) continue;
+            squares.col(first + 4) += by_scale * squares.col(first + 2);
+            squares.row(first + 4) += by_scale * squares.row(first + 2);
           }
+          const Columns of_devices{{{device_at_[static_cast<size_t>(user_[key_i])], 4},
+                                    {device_at_[static_cast<size_t>(user_[key_j])], kOwnColumns + 4}}};
+          for (const auto& [a, row] : of_devices) {
+            system.add(a, a, squares.block<3, 3>(row, row));
+            system.add_gradient(a, squares.block<3, 1>(row, 2 * kOwnColumns));
+            for (const auto& [b, column] : places) system.add(a, b, squares.block<3, 4>(row, column));
+          }
+          system.add(of_devices[0].first, of_devices[1].first, squares.block<3, 3>(4, kOwnColumns + 4));
           for (const auto& [a, row] : places) {
-            system.add(a, a, squares.template block<4, 4>(row, row));
-            system.add_gradient(a, squares.template block<4, 1>(row, 2 * kColumns));
+            system.add(a, a, squares.block<4, 4>(row, row));
+            system.add_gradient(a, squares.block<4, 1>(row, 2 * kOwnColumns));
           }
-          system.add(places[0].first, places[1].first, squares.template block<4, 4>(0, kColumns));
+          system.add(places[0].first, places[1].first, squares.block<4, 4>(0, kOwnColumns));
           const Bend by{key_i, key_j, height_information};
           if (height_information > 0.0) {
             bend(system, by, states);
@@ -396,12 +377,10 @@ double WalkSolver::mean_height(const WalkStates& states, const WalkNoise& noise)
 double WalkSolver::prior_cost(const WalkStates& states, const WalkNoise& noise) const {
   const double mean = mean_height(states, noise);
   const Vector3 shared = shared_calibration(states, noise);
-  double sum = walks_.calibrated ? shared.cwiseQuotient(noise.shared_sigma).squaredNorm() : 0.0;
+  double sum = shared.cwiseQuotient(noise.shared_sigma).squaredNorm();
   for (int u = 0; u < walks_.users; ++u) {
-    if (walks_.calibrated) {
-      const Vector3 off = Vector3(states.calibration.row(u)) - shared;
-      sum += off.cwiseQuotient(Vector3(noise.device_sigma.row(u))).squaredNorm();
-    }
+    const Vector3 apart = Vector3(states.calibration.row(u)) - shared;
+    sum += apart.cwiseQuotient(Vector3(noise.device_sigma.row(u))).squaredNorm();
     const double height = u == walks_.reference ? 0.0 : height_of_origin(u, states);
     sum += std::pow((height - mean) / noise.height_sigma[u], 2);
     if (u == walks_.reference) continue;
@@ -416,22 +395,18 @@ void WalkSolver::add_priors(System& system, const WalkStates& states, const Walk
   using One = Eigen::Matrix<double, 1, 1>;
   const double mean = mean_height(states, noise);
   const Vector3 shared = shared_calibration(states, noise);
-  if (walks_.calibrated) {
-    const Vector3 weight = noise.shared_sigma.cwiseAbs2().cwiseInverse();
-    system.add(shared_at_, shared_at_, Eigen::Matrix3d(weight.asDiagonal()));
-    system.add_gradient(shared_at_, Vector3(weight.cwiseProduct(shared)));
-  }
+  const Vector3 of_shared = noise.shared_sigma.cwiseAbs2().cwiseInverse();
+  system.add(shared_at_, shared_at_, Eigen::Matrix3d(of_shared.asDiagonal()));
+  system.add_gradient(shared_at_, Vector3(of_shared.cwiseProduct(shared)));
   for (int u = 0; u < walks_.users; ++u) {
     const Where& device = device_at_[static_cast<size_t>(u)];
-    if (walks_.calibrated) {
-      const Vector3 weight = noise.device_sigma.row(u).cwiseAbs2().cwiseInverse();
-      const Vector3 slope = weight.cwiseProduct(Vector3(states.calibration.row(u)) - shared);
-      system.add(device, device, Eigen::Matrix3d(weight.asDiagonal()));
-      system.add(shared_at_, shared_at_, Eigen::Matrix3d(weight.asDiagonal()));
-      system.add(shared_at_, device, Eigen::Matrix3d(-Eigen::Matrix3d(weight.asDiagonal())));
-      system.add_gradient(device, slope);
-      system.add_gradient(shared_at_, Vector3(-slope));
-    }
+    const Vector3 own = noise.device_sigma.row(u).cwiseAbs2().cwiseInverse();
+    const Vector3 pull = own.cwiseProduct(Vector3(states.calibration.row(u)) - shared);
+    system.add(device, device, Eigen::Matrix3d(own.asDiagonal()));
+    system.add(shared_at_, shared_at_, Eigen::Matrix3d(own.asDiagonal()));
+    system.add(shared_at_, device, Eigen::Matrix3d(-Eigen::Matrix3d(own.asDiagonal())));
+    system.add_gradient(device, pull);
+    system.add_gradient(shared_at_, Vector3(-pull));
     // Height of the origin: that of the first keyframe without scale times SLAM's.
     const double weight = std::pow(noise.height_sigma[u], -2);
     const bool fixed = u == walks_.reference;
@@ -447,7 +422,6 @@ void WalkSolver::add_priors(System& system, const WalkStates& states, const Walk
     system.add_gradient(
         at, Eigen::Vector4d(in_plane * off[0], in_plane * off[1], slope, in_yaw * wrapped(off[3])));
     system.add(mean_height_at_, at, Eigen::RowVector4d(0.0, 0.0, -weight, 0.0));
-    if (!walks_.calibrated) continue;
     const double by_scale = -std::exp(states.calibration(u, 0)) * walks_.slam(first, 2);
     system.add(device, device, One(weight * by_scale * by_scale));
     system.add_gradient(device, One(slope * by_scale));
@@ -480,11 +454,7 @@ WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNo
                                           const Column* height_curvature,
                                           const Marks* without_steps_to) const {
   System out = zero();
-  if (walks_.calibrated) {
-    add_ranges<kOwnColumns>(out, states, noise, loss, height_curvature);
-  } else {
-    add_ranges<4>(out, states, noise, loss, height_curvature);
-  }
+  add_ranges(out, states, noise, loss, height_curvature);
   add_priors(out, states, noise);
   out.cost += prior_cost(states, noise);
   for (int n = 1; n < states.places.rows(); ++n) {
@@ -506,12 +476,10 @@ WalkStates WalkSolver::gradient(const WalkStates& states, const WalkNoise& noise
     if (at.group < 0) continue;
     out.places.row(n) = system.gradient[static_cast<size_t>(at.group)].block<4, 1>(at.offset, 0).transpose();
   }
-  if (walks_.calibrated) {
-    for (Eigen::Index u = 0; u < walks_.users; ++u) {
-      const Where& at = device_at_[static_cast<size_t>(u)];
-      out.calibration.row(u) =
-          system.gradient[static_cast<size_t>(at.group)].block<3, 1>(at.offset, 0).transpose();
-    }
+  for (Eigen::Index u = 0; u < walks_.users; ++u) {
+    const Where& at = device_at_[static_cast<size_t>(u)];
+    out.calibration.row(u) =
+        system.gradient[static_cast<size_t>(at.group)].block<3, 1>(at.offset, 0).transpose();
   }
   return out;
 }
@@ -568,9 +536,7 @@ Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise
   System system = linearized(states, noise, loss, &height_curvature, nullptr);
   std::vector<std::pair<Where, int>> wanted;  // and how many numbers each has
   for (const int n : keyframes) wanted.emplace_back(keyframe_at_[static_cast<size_t>(n)], 4);
-  if (walks_.calibrated) {
-    for (const Where& at : device_at_) wanted.emplace_back(at, 3);
-  }
+  for (const Where& at : device_at_) wanted.emplace_back(at, 3);
   int count = 0;
   for (const auto& [_, size] : wanted) count += size;
   BorderedEnvelope::Sides sides;
@@ -606,7 +572,7 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
   // Rows that stay: of keyframes, of users who have any, and of ranges between them.
   std::vector<int> keyframes, users, ranges;
   Numbers new_keyframe = Numbers::Constant(kept.size(), -1);
-  Walks part{0, 0, walks_.calibrated, {}, {}, {}, {}, {}, {}, {}, {}, {}};
+  Walks part{0, 0, {}, {}, {}, {}, {}, {}, {}, {}, {}};
   std::vector<int> first;
   for (int u = 0; u < walks_.users; ++u) {
     const auto begin = static_cast<int>(keyframes.size());

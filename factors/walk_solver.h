@@ -25,10 +25,9 @@ namespace synchronizar {
 struct Walks {
   int users;
   int reference;
-  bool calibrated;  // whether calibrations are variables
-  Numbers first;    // (k + 1) the first keyframe of each user, and the end
-  Column t;         // (m) s by the range clock
-  Points slam;      // (m, 3) SLAM units, each in its user's own frame, x and y from the first keyframe
+  Numbers first;  // (k + 1) the first keyframe of each user, and the end
+  Column t;       // (m) s by the range clock
+  Points slam;    // (m, 3) SLAM units, each in its user's own frame, x and y from the first keyframe
   Numbers keyframe_i, keyframe_j;  // (n) keyframes of each range
   Antennas i, j;                   // (n) in their axes
   Column measured, sigma;          // (n)
@@ -110,9 +109,8 @@ class WalkSolver {
   WalkStates optimize(WalkStates states, const WalkNoise& noise, const Loss& loss, int steps,
                       double gain) const;
 
-  // The joint covariance of some keyframes' x, y, z, yaw (4 each), then of all calibrations (3 each, where
-  // they are variables) at a local optimum; 0 of what is fixed. `height_curvature` (n, 1/m^2) replaces the
-  // ranges' own.
+  // The joint covariance of some keyframes' x, y, z, yaw (4 each), then of all calibrations (3 each) at a
+  // local optimum; 0 of what is fixed. `height_curvature` (n, 1/m^2) replaces the ranges' own.
   Eigen::MatrixXd covariance(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                              const Column& height_curvature, const Numbers& keyframes) const;
 
@@ -153,7 +151,6 @@ class WalkSolver {
   System zero() const;
   System linearized(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                     const Column* height_curvature = nullptr, const Marks* without_steps_to = nullptr) const;
-  template <int kColumns>  // seven a user, or the places' four where calibrations are no variables
   void add_ranges(System& system, const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                   const Column* height_curvature) const;
   void bend(System& system, const Bend& by, const WalkStates& states) const;

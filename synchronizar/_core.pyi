@@ -184,7 +184,6 @@ class WalkSolver:
     def __init__(
         self,
         reference: int,
-        calibrated: bool,
         first: Indices,
         t: Array,
         slam: Array,
@@ -197,8 +196,7 @@ class WalkSolver:
     ) -> None:
         """`first` (k + 1,) the first keyframe of each user and the end; `t` (m,) s; `slam` (m, 3) SLAM units.
 
-        `keyframe_i`, `keyframe_j` (n,) of each range, antennas in their axes. `calibrated`: whether calibrations are
-        variables.
+        `keyframe_i`, `keyframe_j` (n,) of each range, antennas in their axes.
         """
 
     def residuals(self, places: Array, calibration: Array, assumed_clock: Array) -> Array:
@@ -233,7 +231,7 @@ class WalkSolver:
         height_curvature: Array,
         keyframes: Indices,
     ) -> Array:
-        """Joint covariance of `keyframes`' x, y, z, yaw, then of all calibrations where they are variables.
+        """Joint covariance of `keyframes`' x, y, z, yaw, then of all calibrations.
 
         `height_curvature` (n,) 1/m^2 replaces the ranges' own.
         """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 import sys
 from collections.abc import Iterator
 from itertools import pairwise
@@ -53,12 +54,12 @@ def page() -> str:
     parts.append(_section(messages.MeasuredRange))
     parts.append("## From the room\n\n")
     parts += [_section(kind) for kind in get_args(messages.FromRoom)]
-    inner = (messages.Member, messages.UserFrame, messages.Object, messages.PairRange, messages.Health)
+    inner = (messages.Member, messages.UserFrame, messages.Object, messages.PairRange, messages.Health, messages.Lag)
     parts += [_section(kind) for kind in inner]
     parts.append(
         "## Poses, in bytes\n\nAll numbers are little-endian; f4 and f8 are IEEE 754 floats of 4 and 8 bytes.\n\n"
     )
-    described = _described_constants()
+    described = {name: _with_kinds(text) for name, text in _described_constants().items()}
     parts.append(_layout("A device's pose", pose_wire.UP, described["UP"], 0))
     head = "kind u1, reserved u1, count u2, sequence u4, t f8: "
     parts.append(f"### The head of everybody's poses\n\n{head}{_plain(described['DOWN_HEAD'])}\n\n")
@@ -123,6 +124,11 @@ def _layout(title: str, layout: np.dtype[Any], text: str, begin: int) -> str:
         times = f"{shape[0]} x " if shape else ""
         lines.append(f"| {begin + offset} | {times}{base.str.lstrip('<|')} | {name} |")
     return "\n".join(lines) + "\n\n"
+
+
+def _with_kinds(text: str) -> str:
+    kinds = {"POSE": pose_wire.POSE, "POSES": pose_wire.POSES}
+    return re.sub(r"(?i)\b(kind) (POSES?)\b", lambda found: f"{found[1]} {kinds[found[2]]}", text)
 
 
 def _plain(text: str) -> str:

@@ -6,6 +6,7 @@ import os
 import resource
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 _TICKS = os.sysconf("SC_CLK_TCK")
 _PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -26,18 +27,46 @@ def resident_mb() -> float:
     return sum(int(row[_RESIDENT]) for row in [*([own] if own else []), *_descendants()]) * _PAGE / 2**20
 
 
+class Usage(NamedTuple):
+    """Of a process, or several."""
+
+    cpu: float
+    """s since they began."""
+    megabytes: float
+
+
+def usage_of(process: int) -> tuple[Usage, Usage]:
+    """Of a running process, and of all that it started that run still."""
+    rows = _below(process)
+    return tuple(_usage([row for n, row in rows.items() if (n == process) is own]) for own in (True, False))  # type: ignore[return-value]
+
+
+def processes_below(process: int) -> list[int]:
+    """Numbers of all running processes that a process started, and of theirs."""
+    return [n for n in _below(process) if n != process]
+
+
+def _usage(rows: list[list[str]]) -> Usage:
+    used = sum(int(ticks) for row in rows for ticks in row[_USED][:2]) / _TICKS
+    return Usage(used, sum(int(row[_RESIDENT]) for row in rows) * _PAGE / 2**20)
+
+
 def _used(row: list[str]) -> float:
     return sum(int(ticks) for ticks in row[_USED]) / _TICKS
 
 
 def _descendants() -> list[list[str]]:
     """The rows of all running processes below this one."""
-    below, rows = {os.getpid()}, {int(p.name): _stat(p) for p in Path("/proc").iterdir() if p.name.isdigit()}
-    out: list[list[str]] = []
-    while found := [n for n, row in rows.items() if row and n not in below and int(row[_PARENT]) in below]:
+    return [row for n, row in _below(os.getpid()).items() if n != os.getpid()]
+
+
+def _below(process: int) -> dict[int, list[str]]:
+    """The rows of a process and of all running processes below it."""
+    rows = {int(p.name): row for p in Path("/proc").iterdir() if p.name.isdigit() and (row := _stat(p))}
+    below = {process}
+    while found := [n for n, row in rows.items() if n not in below and int(row[_PARENT]) in below]:
         below.update(found)
-        out += [row for n in found if (row := rows[n])]
-    return out
+    return {n: rows[n] for n in below if n in rows}
 
 
 def _stat(process: Path) -> list[str] | None:

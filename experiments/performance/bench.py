@@ -1,6 +1,6 @@
-"""Computing time: of a rigid registration by its parts, of the batch solve, and of the live estimator's start.
+"""Computing time: of a rigid registration by its parts, of the batch solve, of the live estimator's start and a room's.
 
-`python -m experiments.performance.bench [--tables rigid batch start] [--people 5 10 20] [--recordings FOLDER]`.
+`python -m experiments.performance.bench [--tables rigid batch start room] [--people 5 10 20] [--recordings FOLDER]`.
 
 rigid: free walks with clean ranges. For each size: the search for a start (initialise), the joint solve from it to the
 first minimum, the same solve with the kernel in numpy (one vectorised CustomFactor a pair, as the C++ block; both with
@@ -9,6 +9,7 @@ covariances and verdicts): medians of CPU time (ms). What it tells of its own se
 
 batch: CPU seconds of `register` with the default model; a minute of clean free walks, all pairs ranging at the paper's
 rate, for so many people (50 people: 40 s), and recordings. start: as `experiments.live.start`.
+room: as `experiments.live.entering`, from entering a room to being registered.
 
 Times hang on the machine and its load: compare within one run only, or by the columns in yardsticks, a fixed
 computation that is done in the same process just before.
@@ -30,7 +31,7 @@ import numpy as np
 from experiments.common.cpu import cpu_seconds, yardstick_seconds
 from experiments.common.live import one_at_a_time
 from experiments.common.results import write_table
-from experiments.live import start
+from experiments.live import entering, start
 from synchronizar._core import RangeBlock, Squared, UserPose
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
@@ -163,7 +164,7 @@ def _ms(work: Callable[[], Any]) -> float:
 def main() -> None:
     """The tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    tables = ("rigid", "batch", "start")
+    tables = ("rigid", "batch", "start", "room")
     parser.add_argument("--tables", nargs="+", choices=tables, default=tables)
     parser.add_argument("--people", type=int, nargs="*", default=list(PEOPLE))
     parser.add_argument("--recordings", type=Path, nargs="*", default=[], help="folders, for the batch table")
@@ -181,6 +182,8 @@ def main() -> None:
             tasks = [start.Task(users, seed, start.SECONDS, real_time=False) for seed in range(START_SEEDS)]
             rows.append(start.row_of(users, list(one_at_a_time(start.walk, tasks)), real_time=False))
         print(write_table("bench_start", rows, settings))
+    if "room" in options.tables:
+        print(write_table("bench_room", entering.rows_of(entering.USERS, entering.SEEDS, entering.SECONDS), settings))
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, a yardstick {1e3 * yardstick_seconds():.1f} ms")
 
 

@@ -32,7 +32,7 @@ class Errors(NamedTuple):
     poses: dict[int, Array]
     """(5, d) on x, y, z (m), yaw (rad) of the last keyframe, and on log scale."""
     calibrations: dict[int, Array]
-    """(3, d) on log scale, bias (m) and clock offset (s), where they are variables."""
+    """(3, d) on log scale, bias (m) and clock offset (s)."""
 
 
 def marginals(graph: PoseGraph, states: States, em_weights: EmWeights) -> Marginals:
@@ -46,7 +46,6 @@ def marginals(graph: PoseGraph, states: States, em_weights: EmWeights) -> Margin
         of_poses[u] = np.vstack([errors[u], errors[reference][4]])
         relative_error = _relative_errors(now[reference], errors[reference][:4], now[u], errors[u][:4])
         relative[u] = relative_error @ relative_error.T
-    for u in graph.calibrations:
         calibrations[u] = (of_calibrations[u] ** 2).sum(axis=1)
     joint = np.tensordot(of_poses, of_poses, axes=(2, 2))
     return Marginals(joint[np.arange(k), :, np.arange(k)], relative, joint, calibrations)
@@ -57,7 +56,7 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
 
     Laplace's method: the covariance is the inverse of the cost's second derivatives.
     """
-    walks, calibrated = graph.walks, bool(graph.calibrations)
+    walks = graph.walks
     k, first, last = len(walks.users), walks.first[:-1], walks.first[1:] - 1
     wanted, at = np.unique(np.concatenate([first, last]), return_inverse=True)
     height_curvature = graph.height_curvature(states, em_weights)
@@ -73,12 +72,9 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
     size[size == 0.0] = 1.0  # of what is fixed
     eigenvalues, axes = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * axes * np.sqrt(np.maximum(eigenvalues, 0.0))
-    none = np.zeros((3, root.shape[1]))
     of_keyframes = root[: 4 * len(wanted)].reshape(len(wanted), 4, -1)
     of_first, of_last = of_keyframes[at[:k]], of_keyframes[at[k:]]
-    of_calibrations = (
-        root[4 * len(wanted) :].reshape(k, 3, -1) if calibrated else np.broadcast_to(none, (k, *none.shape))
-    )
+    of_calibrations = root[4 * len(wanted) :].reshape(k, 3, -1)
     # A height of SLAM's grows with scale.
     by_scale = np.exp(states.calibration[walks.users, SCALE]) * walks.slam[first, 2]
     of_scale = of_calibrations[:, SCALE]
@@ -91,7 +87,7 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
     straight = _with_negative_curvature(heights, bent)
     return Errors(
         {u: errors[n] @ straight for n, u in enumerate(walks.users)},
-        {u: of_calibrations[n] @ straight for n, u in enumerate(walks.users) if calibrated},
+        {u: of_calibrations[n] @ straight for n, u in enumerate(walks.users)},
     )
 
 

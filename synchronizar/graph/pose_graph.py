@@ -170,7 +170,6 @@ class PoseGraph:
             self.reference,
             [self.keyframes[u].place - self.keyframes[u].anchor for u in users],
             [self.keyframes[u].t - self.assumed_clock[u] for u in users],
-            bool(self.calibrations),
             (s.i, s.j, s.distance, self.sigma),
             (i.keyframe, j.keyframe),
             ((i.offset, i.lever, i.velocity), (j.offset, j.lever, j.velocity)),
@@ -258,9 +257,7 @@ class PoseGraph:
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)
             weights[u], tail = _student(squares, m.slam.drift_dof, 4)
             cost += tail
-        calibration_weight, tail = (
-            self._calibration_weights(states, before) if self.calibrations else (before.calibration_weight, 0.0)
-        )
+        calibration_weight, tail = self._calibration_weights(states, before)
         height_weight, of_heights = self.height_weights(states.anchor_poses)
         after = EmWeights(odds, before.range_weight, weights, calibration_weight, height_weight)
         return after, cost + tail + of_heights

@@ -35,7 +35,6 @@ class Walks(NamedTuple):
         reference: int,
         slam: list[Array],
         t: list[Array],
-        calibrated: bool,
         ranges: tuple[Indices, Indices, Array, Array],
         keyframe: tuple[Indices, Indices],
         ends: tuple[Antennas, Antennas],
@@ -52,7 +51,6 @@ class Walks(NamedTuple):
         places = np.concatenate(slam)
         solver = WalkSolver(
             users.index(reference),
-            calibrated,
             first,
             np.concatenate(t),
             places,

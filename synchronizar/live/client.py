@@ -1,4 +1,4 @@
-"""A client of a room: joins, says poses and ranges, hears frames. With asyncio, or blocking."""
+"""A client of a room: joins, says poses and ranges, hears frames. With asyncio; `blocking` has it without."""
 
 from __future__ import annotations
 
@@ -29,7 +29,12 @@ class Client:
     """
 
     def __init__(
-        self, session: aiohttp.ClientSession, socket: aiohttp.ClientWebSocketResponse, welcome: m.Welcome, resume: str
+        self,
+        session: aiohttp.ClientSession,
+        socket: aiohttp.ClientWebSocketResponse,
+        welcome: m.Welcome,
+        resume: str,
+        clock: Callable[[], float],
     ) -> None:
         self.welcome = welcome
         self.resume = resume
@@ -44,8 +49,8 @@ class Client:
         self.refused: dict[str, str] = {}
         """What the room refused, by reason: the last sentence."""
         self.offset: float | None = None
-        """s: the room's clock minus this client's `time.time()`."""
-        self._session, self._socket = session, socket
+        """s: the room's clock minus this client's."""
+        self._session, self._socket, self._clock = session, socket, clock
         self._index = {name: i for i, name in enumerate(welcome.you)}
         self._frame = {member.name: member.frame for member in welcome.members if member.name in self._index}
         self._sequence = 0
@@ -61,11 +66,13 @@ class Client:
         up: Literal["y", "z"] = "z",
         time: Literal["live", "recorded"] = "live",
         resume: str | None = None,
+        clock: Callable[[], float] = time.time,
     ) -> Client:
         """Join the room at an address, whose fragment is the room's code.
 
         `users`: names of the devices that this connection speaks for, or settings by name as in recording.toml; `up`:
-        their vertical axis where settings do not say. Raises InputError where the room cannot be joined, and says why.
+        their vertical axis where settings do not say; `clock`: what stamps their poses and ranges (s), which need not
+        agree with anybody's. Raises InputError where the room cannot be joined, and says why.
         """
         parts = urlsplit(address)
         if parts.scheme not in ("https", "http") or not parts.hostname or not parts.fragment:
@@ -94,7 +101,7 @@ class Client:
         except InputError:
             await session.close()
             raise
-        client = cls(session, socket, welcome, joined.resume)
+        client = cls(session, socket, welcome, joined.resume, clock)
         if time == "live" and client._index:
             client._pinging = asyncio.create_task(client._ping())
         return client
@@ -118,7 +125,7 @@ class Client:
         await self.close()
 
     async def send_pose(self, user: str, t: float, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
-        """A device's pose in its own axes: s by `time.time()`, (3,) m, (4,) x y z w."""
+        """A device's pose in its own axes: s by the client's clock, (3,) m, (4,) x y z w."""
         await self.send_poses([(user, t, position, quat_xyzw)])
 
     async def send_poses(self, poses: Iterable[tuple[str, float, Sequence[float], Sequence[float]]]) -> None:
@@ -133,7 +140,7 @@ class Client:
             await self._socket.send_bytes(encode_poses_up(up))
 
     async def send_range(self, t: float, a: str, b: str, distance: float, **columns: Any) -> None:
-        """A distance (m) at t (s by `time.time()`); columns as in ranges.csv."""
+        """A distance (m) at t (s by the client's clock); other columns of ranges.csv by their names."""
         await self.send_ranges([m.MeasuredRange(t, a, b, distance, **columns)])
 
     async def send_ranges(self, ranges: Sequence[m.MeasuredRange]) -> None:
@@ -188,7 +195,7 @@ class Client:
             case m.Refused():
                 self.refused[message.reason] = message.what
             case m.Pong():
-                self._pong(message, time.time())
+                self._pong(message, self._clock())
 
     def _pong(self, pong: m.Pong, now: float) -> None:
         """Of the recent round trips the quickest says most: half of it is what each way takes."""
@@ -203,7 +210,7 @@ class Client:
         with suppress(ConnectionError, aiohttp.ClientError):
             for n in range(1_000_000_000):
                 quickest = min(self._round_trips)[0] if self._round_trips else None
-                await self.say_message(m.Ping(time.time(), self.offset, quickest))
+                await self.say_message(m.Ping(self._clock(), self.offset, quickest))
                 await asyncio.sleep(_FIRST_PING_S if n < _FIRST_PINGS else _PING_S)
 
     def _own(self, user: str) -> int:

@@ -34,6 +34,11 @@ class DeviceClock:
         self._at = 0.0
         self._ahead, self._ahead_since = 0, 0.0
 
+    def reconnect(self) -> None:
+        """The device comes again, perhaps by another clock: what its earlier words allowed counts no more."""
+        self._least.clear()
+        self._offered = None
+
     def offer(self, offset: float) -> None:
         """The device has worked out how far the room's clock is ahead of its own (s)."""
         self._offered = offset
@@ -69,7 +74,7 @@ class DeviceClock:
     def _is_future(self, delay: float, arrived: float) -> bool:
         """Whether a word comes so long before it was said that it is wrong; where all do, the clock was set."""
         known = self._began is not None and arrived - self._began >= _AT_FIRST_S
-        if not known or self._offset is None or delay > self._offset - STEPPED:
+        if not known or not self._least or self._offset is None or delay > self._offset - STEPPED:
             self._ahead = 0
             return False
         if self._ahead == 0:

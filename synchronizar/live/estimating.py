@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
 from pathlib import Path
 from time import perf_counter
@@ -42,7 +43,8 @@ from synchronizar.live.solver_wire import (
 
 _MOST_TOLD = 20
 """Refusals that are told with one answer."""
-_NOBODY = "nobody is in the room yet"
+_DECIMALS = 9
+"""Nanometres, of matrices that go to everybody ten times a second: further digits are half of the bytes."""
 
 
 class Solving:
@@ -149,13 +151,13 @@ def _told(user: UserRegistration, frame: int) -> UserFrame:
         state=str(user.state),  # type: ignore[arg-type]
         reason=user.reason,
         frame=frame,
-        matrix=None if own is None else own.matrix.tolist(),
+        matrix=None if own is None else own.matrix.round(_DECIMALS).tolist(),
         x=place["x"],
         y=place["y"],
         z=place["z"],
         yaw=place["yaw"],
         scale=1.0 if own is None else own.scale,
-        covariance=covariance_json(user.covariance),
+        covariance=covariance_json(None if user.covariance is None else user.covariance.round(_DECIMALS)),
         sigma=_sigma(user.covariance),
         clock_offset=user.clock_offset,
         progress=user.progress,
@@ -171,17 +173,21 @@ def _sigma(covariance: Array | None) -> float | None:
 
 
 def serve(commands: BinaryIO, replies: BinaryIO) -> None:
-    """Solve until nothing more comes."""
+    """Solve until nothing more comes, or nobody hears what is known."""
     solving: Solving | None = None
-    while (block := _read(commands)) is not None:
-        if solving is None:
-            solving = Solving(begin_decoder.decode(block))
-            continue
-        decoded = block_decoder.decode(block)
-        for command in decoded.commands:
-            if (reply := solving.do(command, decoded.serial)) is not None:
-                replies.write(framed(reply))
-        replies.flush()
+    try:
+        while (block := _read(commands)) is not None:
+            if solving is None:
+                solving = Solving(begin_decoder.decode(block))
+                continue
+            decoded = block_decoder.decode(block)
+            for command in decoded.commands:
+                if (reply := solving.do(command, decoded.serial)) is not None:
+                    replies.write(framed(reply))
+            replies.flush()
+    except BrokenPipeError:
+        # The server was killed; what is left in the buffer must not be tried again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), replies.fileno())
     if solving is not None:
         solving.close()
 

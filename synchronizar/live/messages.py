@@ -20,7 +20,7 @@ MOST_USERS = 64
 MOST_RANGES = 512
 """Ranges in one message."""
 LARGEST_MESSAGE = 64 * 1024
-"""Bytes of one message, text or binary."""
+"""Bytes of one message of a client, text or binary; what a room says is as large as the room."""
 LARGEST_DATA = 8 * 1024
 """Bytes of an object's or a said message's `data`, as JSON."""
 
@@ -76,10 +76,13 @@ class Joined(_Message):
     token: str
     """To be said in `hello` within `expires` seconds, once. Never in an address."""
     expires: float
+    """s."""
     resume: str
-    """To join again as the same devices."""
+    """To join again as the same devices: keep it, and show it to nobody."""
     room: str
+    """The room's code, as the room writes it."""
     users: list[str]
+    """The devices that the connection will speak for."""
     webtransport_port: int | None = None
     """UDP port for WebTransport at `/live`; null where the server has none, and a WebSocket is the way."""
     webtransport_sha256: str | None = None
@@ -93,7 +96,9 @@ class Hello(_Message, tag="hello"):
     """The first message on a connection; nothing else is heard before it."""
 
     token: str
+    """The one that joining bought."""
     protocol: int = PROTOCOL
+    """Version of this protocol that the client speaks; the room refuses another one than its own."""
 
 
 class Ping(_Message, tag="ping"):
@@ -113,15 +118,24 @@ class MeasuredRange(_Message):
     t: float
     """By the clock that stamps the sender's poses."""
     a: str
+    """A device by its name."""
     b: str
+    """The other one, in either order."""
     distance: float
+    """m, between their antennas; slightly below 0 is noise, and welcome."""
     sigma: float | None = None
+    """m, 1 sigma in line of sight; null: 0.1."""
     antenna_a: str | None = None
+    """Which of `antennas` of a; null where it has none or one."""
     antenna_b: str | None = None
     rx_power: float | None = None
+    """dBm, received in all."""
     fp_power: float | None = None
+    """dBm, received in the first path."""
     nlos: bool | None = None
+    """Whether the radio itself says that there was no line of sight."""
     source: str | None = None
+    """Who measured: a word of ranges.csv."""
 
 
 class Ranges(_Message, tag="ranges"):
@@ -134,6 +148,7 @@ class Reset(_Message, tag="reset"):
     """A device's SLAM began anew, in another frame: it is looked for anew, and poses of the old frame are left out."""
 
     user: str
+    """The device, one of the sender's."""
     frame: int
     """Number of the new frame, which its poses carry from now on: 0 at first, one more with each reset, modulo 256."""
 
@@ -148,8 +163,9 @@ class Module(_Message, tag="module"):
     """A device's module will send ranges by UDP: asks for its key. Answered by `module_key`."""
 
     user: str
+    """The device, one of the sender's."""
     address: int
-    """0 to 65533. One that was another device's before is refused: somebody has its key."""
+    """0 to 65533: the module's own in the session. One that another device has had is refused: somebody has its key."""
 
 
 class Clock(_Message, tag="clock"):
@@ -170,6 +186,7 @@ class Create(_Message, tag="create"):
     id: str
     """Chosen by the client; another object with that id is refused."""
     kind: str
+    """A word of the application's, which says what to draw."""
     position: Vector
     quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     user: str | None = None
@@ -218,6 +235,7 @@ class Say(_Message, tag="say"):
     """A word of an application, handed on to one client or to all; the room does not look into it."""
 
     topic: str
+    """A word of the application's, at most 64 characters."""
     data: Any = None
     to: str | None = None
     """A user's name; None: everybody else."""
@@ -267,7 +285,9 @@ class Member(_Message):
     here: bool = True
     """Whether its connection is up."""
     static: bool = False
+    """Whether it is a radio that stands still."""
     up: Literal["y", "z"] = "z"
+    """Which of its own axes points up."""
     frame: int = 0
     """Number of its SLAM frame."""
 
@@ -276,23 +296,31 @@ class UserFrame(_Message, omit_defaults=False):
     """Where a device's frame lies in the common one, as in registration.json, with what it should do."""
 
     state: Literal["registered", "ambiguous", "unobservable", "disconnected"]
+    """Only where it is registered is its place to be relied on."""
     reason: str
+    """Why, in one sentence for people."""
     frame: int
     """Number of the SLAM frame that all this is about."""
     matrix: list[list[float]] | None
     """4x4, row by row: the axes of the device's own SLAM, scale included, to the common frame, z up; null: none yet."""
     x: float | None
+    """m: x, y, z and yaw say the same as `matrix`, between z-up axes of both (of a y-up frame -z, -x and y)."""
     y: float | None
     z: float | None
     yaw: float | None
+    """rad, about the common z."""
     scale: float
+    """Length in the common frame over length by its SLAM."""
     covariance: list[list[float | None]] | None
     """4x4 over x, y, z, yaw."""
     sigma: float | None
     """m, 1 sigma in the plane: the longer half-axis of the ellipse."""
     clock_offset: float | None
+    """s: its stamps, put to the room's clock, minus those of ranges: what comparing clocks has left over."""
     progress: float | None
+    """0 to 1: how near it is to being registered."""
     cue: str | None
+    """Which way its bearer should walk, in words: "walk 2 m to your left"."""
 
 
 class Frames(_Message, tag="frames"):
@@ -303,7 +331,9 @@ class Frames(_Message, tag="frames"):
     t: float
     """By the room's clock."""
     reference: str | None
+    """The device beside which the others are judged; its first pose fixed the common frame. Null until there is one."""
     users: dict[str, UserFrame]
+    """Empty until the solver has said something: it may be missing whoever has just come."""
 
 
 class Object(_Message):
@@ -316,7 +346,9 @@ class Object(_Message):
     by: str
     """Who created it."""
     holder: str | None = None
+    """Who holds it, and alone may move it."""
     velocity: Vector | None = None
+    """m/s, common frame: what its holder moves it with."""
     t: float = 0.0
     """By the room's clock: when it was there."""
     data: Any = None
@@ -328,8 +360,11 @@ class Objects(_Message, tag="objects"):
     """Objects that were changed or removed, in the order in which the room took it."""
 
     version: int
+    """Rises with each change."""
     changed: list[Object] = []
+    """As they are now."""
     removed: list[str] = []
+    """Their ids."""
 
 
 class Members(_Message, tag="members"):
@@ -346,10 +381,13 @@ class Welcome(_Message, tag="welcome"):
     """Names of the devices that this connection speaks for; the poses that it sends name them by their index here."""
     protocol: int
     t: float
+    """The room's clock."""
     members: list[Member]
     frames: Frames
     objects: Objects
+    """All that there are."""
     udp_port: int | None = None
+    """Where modules send their ranges."""
     app: str | None = None
     """The application that the room was started with."""
 
@@ -369,16 +407,20 @@ class ModuleKey(_Message, tag="module_key"):
     user: str
     address: int
     session: int
+    """The room's number among modules."""
     key: str
     """32 bytes in hex."""
     udp_port: int | None
+    """Of the server: where the module sends its datagrams."""
 
 
 class Events(_Message, tag="events"):
     """What happened, a sentence each."""
 
     t: float
+    """The room's clock."""
     events: list[str]
+    """Sentences for people; programs go by `frames`."""
 
 
 class PairRange(_Message, omit_defaults=False):
@@ -407,6 +449,14 @@ class Health(_Message, omit_defaults=False):
     """How many of its words were refused, by reason."""
 
 
+class Lag(_Message, omit_defaults=False):
+    """How late the server's loop comes to what is due, ms, over the last minute."""
+
+    median: float
+    p99: float
+    """More than 20 ms: the server has more to do than its machine has time."""
+
+
 class Status(_Message, tag="status"):
     """How the room is, once a second."""
 
@@ -417,6 +467,8 @@ class Status(_Message, tag="status"):
     """Of datagrams and connections that could not be told to be anybody's, by reason."""
     behind: float
     """s: how far the solver is behind the room's clock."""
+    lag: Lag | None = None
+    """Of the server; null where nobody watches it."""
 
 
 class Said(_Message, tag="said"):
@@ -438,9 +490,11 @@ class Refused(_Message, tag="refused"):
     """Something that this client sent was refused; told once for each reason, and again when it goes on."""
 
     reason: str
+    """A word to count by: `user`, `value`, `future`, `old`, `frame`, `rate`, `message` and others."""
     what: str
     """One sentence with a way on."""
     count: int = 1
+    """How many were refused for that reason so far."""
 
 
 class Answer(_Message, tag="answer"):
@@ -453,7 +507,9 @@ class Bye(_Message, tag="bye"):
     """The last message: why the room ends the connection."""
 
     reason: str
+    """`elsewhere`, `left`, `token`, `hello`, `protocol` and others."""
     what: str
+    """One sentence with a way on."""
 
 
 FromRoom = (
@@ -486,7 +542,7 @@ def encode(message: msgspec.Struct) -> bytes:
 
 def decode_from_client(data: bytes | str) -> FromClient:
     """What a client says. Raises MessageError for anything else."""
-    return _checked(_from_client, data)
+    return _short(_from_client, data)
 
 
 def decode_from_room(data: bytes | str) -> FromRoom:
@@ -496,7 +552,7 @@ def decode_from_room(data: bytes | str) -> FromRoom:
 
 def decode_join(data: bytes) -> Join:
     """What somebody who joins asks for. Raises MessageError for anything else."""
-    return _checked(_join, data)
+    return _short(_join, data)
 
 
 def decode_joined(data: bytes) -> Joined:
@@ -504,10 +560,14 @@ def decode_joined(data: bytes) -> Joined:
     return _checked(_joined, data)
 
 
-def _checked(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
-    """JSON refuses NaN and infinities by itself; numbers beyond a double's are infinite and refused as well."""
+def _short(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
     if len(data) > LARGEST_MESSAGE:
         raise MessageError("size", f"a message has at most {LARGEST_MESSAGE} bytes")
+    return _checked(decoder, data)
+
+
+def _checked(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
+    """JSON refuses NaN and infinities by itself; numbers beyond a double's are infinite and refused as well."""
     try:
         return decoder.decode(data)
     except msgspec.ValidationError as error:

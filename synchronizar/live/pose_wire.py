@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from synchronizar.live.messages import MessageError
 
@@ -31,11 +32,12 @@ UP = np.dtype(
         ("quat_xyzw", "<f4", 4),
     ]
 )
-"""A pose of a device in the axes of its own SLAM: kind POSE, number of its frame, its index in `welcome.you`, a number
-that rises, its own stamp (s), position (m), attitude."""
+"""A pose of a device in the axes of its own SLAM: kind POSE, number of its frame (0 until it says `reset`), its index
+in `welcome.you`, a number that rises with each pose, its own stamp (s), position (m), attitude. Several may stand one
+after the other in one message."""
 
 DOWN_HEAD = struct.Struct("<BBHId")
-"""Kind POSES, 0, number of records, a number that rises, the room's clock (s)."""
+"""Kind POSES, 0, number of records, a number that rises with each message, the room's clock (s)."""
 DOWN = np.dtype(
     [
         ("member", "<u2"),
@@ -46,10 +48,13 @@ DOWN = np.dtype(
         ("quat_xyzw", "<f4", 4),
     ]
 )
-"""A device in the common frame, z up: its index in `members`, state by STATES, number of its SLAM frame, s since it was
-there, position (m), attitude of its body."""
+"""A device in the common frame, z up: its `index` in `members`, state by its number below, number of its SLAM frame, s
+since it was there, position (m), attitude of its body, whose axes stay as the device has them. Who has no frame yet is
+left out; only who is registered is known to be there."""
 MOST_POSES = 256
 """Records in one message."""
+_UP = struct.Struct("<BBHId3d4f")
+"""A record of UP: most messages are one, for which numpy takes longer."""
 _LARGEST_POSITION = 1e7
 _LARGEST_STAMP = 1e12
 
@@ -94,28 +99,28 @@ def decode_poses_up(data: bytes) -> list[PoseUp]:
     """A device's poses. Raises MessageError for other bytes, and for values that no device can mean."""
     if not data or len(data) % UP.itemsize or len(data) > MOST_POSES * UP.itemsize:
         raise MessageError("size", f"poses are 1 to {MOST_POSES} records of {UP.itemsize} bytes each")
-    rows = np.frombuffer(data, UP)
-    if np.count_nonzero(rows["kind"] != POSE):
-        raise MessageError("kind", f"the first byte of a pose is {POSE}")
-    t, position, quat = rows["t"], rows["position"], rows["quat_xyzw"]
-    # A comparison with NaN is false: whatever is not finite is refused here as well.
-    if not ((np.abs(t) < _LARGEST_STAMP).all() and (np.abs(position) < _LARGEST_POSITION).all()):
-        raise MessageError("value", "a stamp or position of a pose is not finite, or too large")
-    squares = np.einsum("ij,ij->i", quat, quat)
-    if not ((squares > 1e-12) & (squares < 1e12)).all():
-        raise MessageError("value", "a quaternion is zero or not finite")
-    columns = (rows[name].tolist() for name in ("user", "frame", "sequence", "t", "position", "quat_xyzw"))
-    return [
-        PoseUp(user, frame, sequence, stamp, tuple(xyz), tuple(xyzw))
-        for user, frame, sequence, stamp, xyz, xyzw in zip(*columns, strict=True)
-    ]
+    poses = []
+    for kind, frame, user, sequence, t, x, y, z, qx, qy, qz, qw in _UP.iter_unpack(data):
+        if kind != POSE:
+            raise MessageError("kind", f"the first byte of a pose is {POSE}")
+        # A comparison with NaN is false: whatever is not finite is refused here as well.
+        if not (abs(t) < _LARGEST_STAMP and abs(x) + abs(y) + abs(z) < _LARGEST_POSITION):
+            raise MessageError("value", "a stamp or position of a pose is not finite, or too large")
+        if not 1e-12 < qx * qx + qy * qy + qz * qz + qw * qw < 1e12:
+            raise MessageError("value", "a quaternion is zero or not finite")
+        poses.append(PoseUp(user, frame, sequence, t, (x, y, z), (qx, qy, qz, qw)))
+    return poses
 
 
 def encode_poses_down(poses: PosesDown) -> bytes:
     """Bytes of everybody's poses."""
     rows = [(p.member, STATES.index(p.state), p.frame, p.age, p.position, p.quat_xyzw) for p in poses.poses]
-    head = DOWN_HEAD.pack(POSES, 0, len(rows), poses.sequence & 0xFFFFFFFF, poses.t)
-    return head + np.array(rows, DOWN).tobytes()
+    return encode_rows_down(poses.sequence, poses.t, np.array(rows, DOWN))
+
+
+def encode_rows_down(sequence: int, t: float, rows: NDArray[np.void]) -> bytes:
+    """The same of (n,) rows of DOWN."""
+    return DOWN_HEAD.pack(POSES, 0, len(rows), sequence & 0xFFFFFFFF, t) + rows.tobytes()
 
 
 def parts_of_poses(message: bytes, largest: int) -> list[bytes]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -20,8 +19,7 @@ from synchronizar.live import messages as m
 
 STATE_FILE = "solver.state"
 RESUME_FILE = "resume.json"
-_MOST_WAITING = 64 * 1024 * 1024
-"""Bytes of one file that wait for a disk that is full."""
+ROOM_FILE = "room.json"
 
 
 def recorded_name(user: str, session: int) -> str:
@@ -31,15 +29,23 @@ def recorded_name(user: str, session: int) -> str:
 
 @dataclass
 class _File:
-    written: int
-    """Bytes on disk."""
     size: int
-    """With those that wait."""
+    """Bytes that are written or wait to be."""
     lines: list[str] = field(default_factory=list)
+    """Those that wait."""
+
+
+class Gathered(NamedTuple):
+    """What is to be written; nothing else changes it any more."""
+
+    texts: dict[str, bytes]
+    """By the file's name."""
+    users: list[User] | None
+    """All of recording.toml, where that is another one."""
 
 
 class FolderRecorder:
-    """One room's folder. Lines wait in memory and are written by `flush`, which the caller calls once a second.
+    """One room's folder. Lines are gathered; `flush` writes them, or `gather` and `write` where nobody may wait.
 
     No file stays open, of however many frames devices have tracks.
     """
@@ -49,15 +55,13 @@ class FolderRecorder:
         self.folder = folder
         self._files: dict[str, _File] = {}
         self._users: dict[str, User] = {}
+        self._names: dict[tuple[str, int], str] = {}
         self._settings_changed = False
-        self._lock = Lock()
-        """Lines come while others are being written."""
         with os_faults(folder):
             (folder / "tracks").mkdir(parents=True, exist_ok=True)
             (folder / "ranges.csv").touch()
             for path in (folder / "ranges.csv", *(folder / "tracks").glob("*.tum")):
-                size = _end_line(path)
-                self._files[path.relative_to(folder).as_posix()] = _File(size, size)
+                self._files[path.relative_to(folder).as_posix()] = _File(_end_line(path))
         if self._files["ranges.csv"].size == 0:
             self._write("ranges.csv", ",".join(REQUIRED + OPTIONAL) + "\n")
 
@@ -69,54 +73,52 @@ class FolderRecorder:
 
     def pose(self, user: str, session: int, t: float, position: m.Vector, quat_xyzw: m.Quaternion) -> None:
         """A pose, by the room's clock, in the device's own axes."""
-        numbers = " ".join(f"{x:.9f}" for x in (t, *position, *quat_xyzw))
-        self._write(f"tracks/{recorded_name(user, session)}.tum", numbers + "\n")
+        x, y, z = position
+        qx, qy, qz, qw = quat_xyzw
+        line = f"{t:.9f} {x:.9f} {y:.9f} {z:.9f} {qx:.9f} {qy:.9f} {qz:.9f} {qw:.9f}\n"
+        self._write(f"tracks/{recorded_name(user, session)}.tum", line)
 
     def range(
         self, t: float, a: str, b: str, sessions: tuple[int, int], distance: float, optional: dict[str, Any]
     ) -> None:
         """A range, by the room's clock; none of a device that has not said any pose, which no recording can have."""
-        names = [recorded_name(user, session) for user, session in zip((a, b), sessions, strict=True)]
-        if not all(self._is_there(name) for name in names):
+        written_as = [self._written_as(user, session) for user, session in zip((a, b), sessions, strict=True)]
+        if None in written_as:
             return
-        values = [f"{t:.9f}", *map(_quoted, names), repr(distance), *(_text(optional.get(name)) for name in OPTIONAL)]
-        self._write("ranges.csv", ",".join(values) + "\n")
+        values = [_text(optional[name]) if name in optional else "" for name in OPTIONAL]
+        self._write("ranges.csv", f"{t:.9f},{written_as[0]},{written_as[1]},{distance!r},{','.join(values)}\n")
 
     def offsets(self) -> dict[str, int]:
         """Bytes of each file that hold all that was recorded until now."""
         return {name: file.size for name, file in self._files.items()}
 
     def flush(self) -> None:
-        """On disk, from any one thread at a time. Raises InputError where the disk is full or gone."""
-        with os_faults(self.folder):
-            if self._settings_changed:
-                self._settings_changed = False
-                there = [user for name, user in list(self._users.items()) if self._is_there(name)]
-                write_recording_toml(self.folder / "recording.toml", there)
-            for name, file in list(self._files.items()):
-                if file.lines:
-                    self._append(self.folder / name, file)
+        """All on disk. Raises InputError where that is full or gone."""
+        self.write(self.gather())
 
-    def _append(self, path: Path, file: _File) -> None:
-        """Lines that cannot be written wait for the next time, up to a point; half a line is never left."""
-        with self._lock:
-            lines, file.lines = file.lines, []
-        data = "".join(lines).encode()
-        try:
-            with path.open("ab") as out:
-                out.truncate(file.written)
-                out.write(data)
-                out.flush()
-                os.fsync(out.fileno())
-        except OSError:
-            with self._lock:
-                if len(data) <= _MOST_WAITING:
-                    file.lines = lines + file.lines
-                else:
-                    file.size -= len(data)
-            self._settings_changed = True
-            raise
-        file.written += len(data)
+    def gather(self) -> Gathered:
+        """What came since the last time: to be given to `write`, which another thread may do while more comes."""
+        users = None
+        if self._settings_changed:
+            self._settings_changed = False
+            users = [user for name, user in self._users.items() if self._is_there(name)]
+        texts = {name: "".join(file.lines).encode() for name, file in self._files.items() if file.lines}
+        for file in self._files.values():
+            file.lines.clear()
+        return Gathered(texts, users)
+
+    def write(self, gathered: Gathered) -> None:
+        """Write it, all of it before any is waited for to be on disk. Raises InputError where that is full or gone."""
+        with os_faults(self.folder), ExitStack() as stack:
+            written = []
+            for name, text in gathered.texts.items():
+                written.append(stack.enter_context((self.folder / name).open("ab")))
+                written[-1].write(text)
+                written[-1].flush()
+            if gathered.users is not None:
+                write_recording_toml(self.folder / "recording.toml", gathered.users)
+            for file in written:
+                os.fsync(file.fileno())
 
     def note(self, name: str, value: Any) -> None:
         """A small file beside the recording, replaced as a whole."""
@@ -133,6 +135,12 @@ class FolderRecorder:
         with suppress(InputError):
             self.flush()
 
+    def _written_as(self, user: str, session: int) -> str | None:
+        """Its name in ranges.csv; None while a recording cannot have it."""
+        if (user, session) not in self._names and self._is_there(name := recorded_name(user, session)):
+            self._names[user, session] = _quoted(name)
+        return self._names.get((user, session))
+
     def _is_there(self, name: str) -> bool:
         """Whether a recording can have this user: a radio that stands still, or a device with a pose."""
         user = self._users.get(name)
@@ -140,12 +148,11 @@ class FolderRecorder:
 
     def _write(self, name: str, line: str) -> None:
         if name not in self._files:
-            self._files[name] = _File(0, 0)
+            self._files[name] = _File(0)
             self._settings_changed = True
         file = self._files[name]
-        with self._lock:
-            file.lines.append(line)
-            file.size += len(line.encode())
+        file.lines.append(line)
+        file.size += len(line.encode())
 
 
 def _end_line(path: Path) -> int:

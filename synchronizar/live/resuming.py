@@ -18,12 +18,15 @@ from synchronizar.live.solver_wire import AddUser, Advance, Begin, Command, NewF
 _STEP_S = 0.1
 
 
-def begin_again(folder: Path, workers: int) -> tuple[Begin, dict[str, int]]:
-    """How the solver begins, and the bytes of each file that its state knows already."""
+def begin_again(folder: Path, workers: int, sizes: Mapping[str, int]) -> tuple[Begin, dict[str, int]]:
+    """How the solver begins, and the bytes of each file that its state knows already; `sizes`: of all files now.
+
+    A state may know more than was written before the server was killed: what comes from now on is news to it.
+    """
     state = folder / STATE_FILE
     try:
         noted = json.loads((folder / RESUME_FILE).read_text(encoding="utf-8"))
-        offsets = {str(name): int(size) for name, size in noted["offsets"].items()}
+        offsets = {str(name): min(int(size), sizes.get(str(name), 0)) for name, size in noted["offsets"].items()}
         frames = {str(name): int(frame) for name, frame in noted["frames"].items()}
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return Begin(workers), {}

@@ -23,7 +23,8 @@ from synchronizar.live.messages import MessageError
 from synchronizar.live.module_ranges import measured_ranges
 from synchronizar.live.objects import ObjectStore
 from synchronizar.live.outbox import Outbox
-from synchronizar.live.pose_wire import PoseDown, PosesDown, decode_poses_up, encode_poses_down
+from synchronizar.live.placing import AT_ITS_ORIGIN, OwnPose, Placing, Shown
+from synchronizar.live.pose_wire import PoseUp, decode_poses_up, encode_rows_down
 from synchronizar.live.recorder import recorded_name
 from synchronizar.live.roster import KnownDevice, Roster
 from synchronizar.live.sleeping import Sleeping, Standing, standing_of
@@ -35,6 +36,8 @@ from synchronizar.quaternions import multiply_quaternions, yaw_quaternion
 UPDATES_A_SECOND = 10
 FRAMES_AT_LEAST_EVERY = 0.5
 """s between frames that are told though nothing has changed."""
+MOVES_EVERY = 0.19
+"""s between frames that are told because somebody's place changed, and nothing else."""
 STATUS_EVERY = 1.0
 STANDINGS_EVERY = 0.5
 """s between looks at whose modules are needed."""
@@ -85,7 +88,7 @@ class Device:
     """How often its SLAM began anew."""
     client: Client | None = None
     clock: DeviceClock = field(default_factory=DeviceClock)
-    pose: tuple[float, m.Vector, m.Quaternion] | None = None
+    pose: OwnPose | None = None
     """Its newest pose by the room's clock, in its own axes."""
     poses: deque[float] = field(default_factory=lambda: deque(maxlen=128))
     ranges: deque[float] = field(default_factory=lambda: deque(maxlen=1024))
@@ -181,10 +184,14 @@ class Room:
         self.objects = ObjectStore(saved)
         self.frames = m.Frames(0, now(), None, {})
         self.solver: Solver | None = None
+        self.lag: Callable[[], m.Lag] | None = None
+        """How late the loop is that calls all of this."""
         self.begun: Callable[[bool], None] | None = None
         """Hears whether time is a recording's, when the first device comes."""
         self._recorder = recorder
         self._ranges: list[NewestRange] = []
+        self._placing: tuple[list[Device], Placing] | None = None
+        self._untold = False
         self._told_at = self._frames_at = self._status_at = self._asked_at = self._stood_at = -np.inf
         self._empty_since = now()
         self._sequence = 0
@@ -262,6 +269,7 @@ class Room:
                 earlier.outbox.put(m.encode(m.Bye("elsewhere", "the same device has joined from somewhere else")))
                 earlier.outbox.close()
             device.client, device.left_at = client, None
+            device.clock.reconnect()
         self.clients.add(client)
         you = [device.name for device in devices]
         welcome = m.Welcome(
@@ -373,11 +381,13 @@ class Room:
         self._ranges = told.ranges
         if told.events:
             self._broadcast(m.Events(told.t, told.events))
-        changed = _differ(self.frames, told)
-        version = self.frames.version + changed
-        self.frames = m.Frames(version, told.t, told.reference, told.users)
-        if changed or told.t - self._frames_at >= FRAMES_AT_LEAST_EVERY or told.t < self._frames_at:
-            self._frames_at = told.t
+        news, moved = _is_news(self.frames, told), _moved(self.frames, told)
+        self.frames = m.Frames(self.frames.version + (news or moved), told.t, told.reference, told.users)
+        self._placing = None
+        self._untold = self._untold or moved
+        since = told.t - self._frames_at
+        if news or (self._untold and since >= MOVES_EVERY) or not 0.0 <= since < FRAMES_AT_LEAST_EVERY:
+            self._frames_at, self._untold = told.t, False
             self._broadcast_latest("frames", m.encode(self.frames))
         self.objects.place_waiting(self._in_common, self.time())
 
@@ -410,8 +420,7 @@ class Room:
             self._broadcast(changes)
         if self.clients:
             self._sequence += 1
-            poses = encode_poses_down(PosesDown(self._sequence, t, self._poses(t)))
-            self._broadcast_latest("poses", poses)
+            self._broadcast_latest("poses", self._poses(t))
         now = self.now()
         if now - self._status_at >= STATUS_EVERY or now < self._status_at:
             self._status_at = now
@@ -436,7 +445,8 @@ class Room:
             + self.refused_outside
             + Counter({f"datagram {reason}": n for reason, n in self.receiver.refused.items()})
         )
-        return m.Status(t, users, pairs, dict(refused), float(max(0.0, t - max(self._told_at, t - 3600.0))))
+        behind = float(max(0.0, t - max(self._told_at, t - 3600.0)))
+        return m.Status(t, users, pairs, dict(refused), behind, None if self.lag is None else self.lag())
 
     # Inside
 
@@ -542,6 +552,7 @@ class Room:
         if not device.resets.take(self.now()):
             raise MessageError("rate", "too many new frames within a minute: wait")
         device.frame, device.pose = frame, None
+        self._placing = None
         device.session += 1
         while alike(recorded_name(device.name, device.session)) in self._sessions():
             device.session += 1
@@ -605,7 +616,7 @@ class Room:
         self.disconnect(client)
         client.outbox.close()
 
-    def _take_pose(self, client: Client, device: Device, pose: Any, arrived: float) -> None:
+    def _take_pose(self, client: Client, device: Device, pose: PoseUp, arrived: float) -> None:
         if device.settings.static:
             raise MessageError("static", f"{device.name} stands still: it has no poses")
         if pose.frame != device.frame:
@@ -707,13 +718,19 @@ class Room:
 
     def frame_of(self, name: str) -> YawFrame | None:
         """`common_from_user` of a device's present SLAM frame, in its own axes; None: not known."""
-        device, told = self.devices.get(name), self.frames.users.get(name)
-        if device is None or told is None or told.matrix is None or told.frame != device.frame:
+        device = self.devices.get(name)
+        told = None if device is None else self._told_of(device)
+        if device is None or told is None:
             return None
         assert told.x is not None
         assert told.y is not None
         assert told.z is not None
         return YawFrame(told.x, told.y, told.z, told.yaw or 0.0, told.scale, device.settings.up)
+
+    def _told_of(self, device: Device) -> m.UserFrame | None:
+        """What is told of a device's present SLAM frame; None where it is not known where that lies."""
+        told = self.frames.users.get(device.name)
+        return None if told is None or told.matrix is None or told.frame != device.frame else told
 
     def _in_common(self, name: str, position: m.Vector, quat: m.Quaternion) -> tuple[m.Vector, m.Quaternion] | None:
         told = self.frames.users.get(name)
@@ -722,22 +739,17 @@ class Room:
             return None
         return _placed(frame, position, quat)
 
-    def _poses(self, t: float) -> list[PoseDown]:
-        out = []
-        for device in self.devices.values():
-            frame = self.frame_of(device.name)
-            if frame is None or (device.left_at is not None and t - device.left_at > AWAY_AFTER):
-                continue
-            if device.settings.static:
-                at, position, quat = t, (frame.x, frame.y, frame.z), (0.0, 0.0, 0.0, 1.0)
-            elif device.pose is not None:
-                at, own, own_quat = device.pose
-                position, quat = _placed(frame, own, own_quat)
-            else:
-                continue
-            state = self.frames.users[device.name].state
-            out.append(PoseDown(device.index, state, device.frame, max(0.0, t - at), position, quat))
-        return out
+    def _poses(self, t: float) -> bytes:
+        """Everybody's poses in the common frame."""
+        if self._placing is None:
+            devices = [device for device in self.devices.values() if self._told_of(device) is not None]
+            self._placing = devices, Placing([self._shown(device) for device in devices])
+        devices, placing = self._placing
+        return encode_rows_down(self._sequence, t, placing.rows(t, [_own_pose(device, t) for device in devices]))
+
+    def _shown(self, device: Device) -> Shown:
+        settings = device.settings
+        return Shown(device.index, self.frames.users[device.name], settings.up == "y", settings.static)
 
     def _standings(self) -> dict[str, Standing]:
         """How those stand who are here."""
@@ -787,15 +799,29 @@ def _placed(frame: YawFrame, position: m.Vector, quat_xyzw: m.Quaternion) -> tup
     return (x, y, z), (qx, qy, qz, qw)
 
 
-def _differ(before: m.Frames, told: Told) -> bool:
-    """Whether anything of it is news."""
+def _own_pose(device: Device, t: float) -> OwnPose | None:
+    """Its newest; None of who has been away for long."""
+    if device.left_at is not None and t - device.left_at > AWAY_AFTER:
+        return None
+    return AT_ITS_ORIGIN if device.settings.static else device.pose
+
+
+def _is_news(before: m.Frames, told: Told) -> bool:
+    """Whether anything is another one that is no number."""
     if before.reference != told.reference or before.users.keys() != told.users.keys():
         return True
+    return any(_kind(before.users[name]) != _kind(now) for name, now in told.users.items())
+
+
+def _kind(user: m.UserFrame) -> tuple[str, int, str | None, bool]:
+    return user.state, user.frame, user.cue, user.matrix is None
+
+
+def _moved(before: m.Frames, told: Told) -> bool:
+    """Whether anybody's frame lies elsewhere."""
     for name, now in told.users.items():
-        was = before.users[name]
-        if (was.state, was.frame, was.cue, was.matrix is None) != (now.state, now.frame, now.cue, now.matrix is None):
-            return True
-        if now.matrix is None:
+        was = before.users.get(name)
+        if was is None or now.matrix is None:
             continue
         moved = [(a or 0.0) - (b or 0.0) for a, b in zip((was.x, was.y, was.z), (now.x, now.y, now.z), strict=True)]
         if max(map(abs, moved)) > _CHANGED_M or abs((was.yaw or 0.0) - (now.yaw or 0.0)) > _CHANGED_RAD:

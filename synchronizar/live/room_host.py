@@ -10,7 +10,7 @@ from pathlib import Path
 
 from synchronizar.errors import InputError
 from synchronizar.live.object_file import ObjectFile
-from synchronizar.live.recorder import RESUME_FILE, STATE_FILE, FolderRecorder
+from synchronizar.live.recorder import RESUME_FILE, STATE_FILE, FolderRecorder, Gathered
 from synchronizar.live.resuming import begin_again, tail
 from synchronizar.live.room import Room
 from synchronizar.live.roster import Roster, write_roster
@@ -18,7 +18,8 @@ from synchronizar.live.solver import SolverProcess
 from synchronizar.live.solver_wire import Advance, Begin
 
 TICK_S = 1.0 / 30.0
-FLUSH_S = 1.0
+WRITTEN_EVERY = 0.5
+"""s: so that with the time that writing takes no more than a second is lost."""
 
 
 class RoomClock:
@@ -45,13 +46,14 @@ class RoomHost:
         self._offsets: dict[int, dict[str, int]] = {}
         self._roster_version = -1, 0
         self._tasks: list[asyncio.Task[None]] = []
+        self._writing: asyncio.Task[None] | None = None
+        self._ended = asyncio.Event()
 
     def start(self) -> None:
         """Begin its tasks; there must be a running loop."""
-        beats = [self._ticks()]
+        self._tasks = [asyncio.create_task(self._ticks())]
         if self._recorder is not None:
-            beats.append(self._flushes(self._recorder))
-        self._tasks = [asyncio.create_task(beat) for beat in beats]
+            self._writing = asyncio.create_task(self._writes(self._recorder))
         self.room.begun = lambda recorded: self._solve(Begin(0 if recorded else self._workers))
 
     def resume(self, roster: Roster) -> None:
@@ -61,7 +63,9 @@ class RoomHost:
         room.restore(roster)
         if not roster.devices:
             return
-        begin, offsets = begin_again(folder, self._workers)
+        begin, offsets = begin_again(folder, self._workers, self._recorder.offsets())
+        if begin.state is not None:
+            self._recorder.note(RESUME_FILE, {"offsets": offsets, "frames": begin.frames})
         room.recorded, room.begun = False, None
         self._solve(begin)
         assert self.solver is not None
@@ -88,9 +92,10 @@ class RoomHost:
             task.cancel()
             with suppress(asyncio.CancelledError):
                 await task
+        if self._writing is not None:
+            self._ended.set()
+            await self._writing
         if self._recorder is not None:
-            with suppress(InputError):
-                await asyncio.to_thread(self._flush, self._recorder, self._new_roster())
             self._recorder.close()
         if self._objects is not None:
             self._objects.close()
@@ -105,34 +110,33 @@ class RoomHost:
             due = max(due + TICK_S, loop.time())
             await asyncio.sleep(due - loop.time())
 
-    async def _flushes(self, recorder: FolderRecorder) -> None:
+    async def _writes(self, recorder: FolderRecorder) -> None:
         """A disk that is full or gone is told, and the room goes on."""
         told = False
-        while True:
-            await asyncio.sleep(FLUSH_S)
+        while not self._ended.is_set():
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._ended.wait(), WRITTEN_EVERY)
             try:
-                await asyncio.to_thread(self._flush, recorder, self._new_roster())
+                await self._write(recorder)
                 told = False
             except InputError as error:
-                self._roster_version = -1, 0
                 if not told:
                     self.room.event(f"the room is not recorded: {error}")
                 told = True
 
-    def _new_roster(self) -> Roster | None:
-        """The room's, where it is another one than was written last; made here, where nothing else changes it."""
+    async def _write(self, recorder: FolderRecorder) -> None:
+        """All that came, on disk. It is gathered here and written by a thread."""
         version = self.room.roster_version, self.room.receiver.datagrams
-        if version == self._roster_version:
-            return None
+        roster = self.room.roster() if version != self._roster_version else None
+        await asyncio.to_thread(self._written, recorder, recorder.gather(), roster)
         self._roster_version = version
-        return self.room.roster()
 
-    def _flush(self, recorder: FolderRecorder, roster: Roster | None) -> None:
-        recorder.flush()
-        if self._objects is not None:
-            self._objects.flush()
+    def _written(self, recorder: FolderRecorder, gathered: Gathered, roster: Roster | None) -> None:
         if roster is not None:
             write_roster(recorder.folder, roster)
+        recorder.write(gathered)
+        if self._objects is not None:
+            self._objects.flush()
 
     def _saving(self, serial: int) -> None:
         """A state with all blocks up to `serial` is being written: what is recorded until now is in it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import os
 import secrets
@@ -22,6 +23,7 @@ from synchronizar.errors import InputError
 from synchronizar.live.certificates import own_addresses, server_context
 from synchronizar.live.connection import serve_link
 from synchronizar.live.lobby import Lobby, new_code
+from synchronizar.live.loop_lag import LoopLag
 from synchronizar.live.object_file import OBJECTS_FILE, ObjectFile
 from synchronizar.live.recorder import FolderRecorder
 from synchronizar.live.room import Room
@@ -76,6 +78,7 @@ async def serve(options: ServerOptions, started: Callable[[dict[str, object]], N
     server = Server(options, context)
     try:
         started(await server.start())
+        gc.freeze()  # what was imported is never garbage: looking through it takes tens of ms whenever that is done
         await _ended()
     finally:
         await server.close()
@@ -93,7 +96,8 @@ class Server:
         self._url = ""
         self._runner: web.AppRunner | None = None
         self._udp: UdpPort | None = None
-        self._closing_idle: asyncio.Task[None] | None = None
+        self._lag = LoopLag()
+        self._tasks: list[asyncio.Task[None]] = []
         self._webtransport: WebTransportPort | None = None
 
     async def start(self) -> dict[str, object]:
@@ -116,7 +120,7 @@ class Server:
         host = f"[{name}]" if name and ":" in name else name
         self._url = (options.public_url or f"{'https' if self._context else 'http'}://{host}:{port}").rstrip("/")
         self._udp = UdpPort(self.lobby, self.clock, options.host, options.udp_port)
-        self._closing_idle = asyncio.create_task(self._close_idle())
+        self._tasks = [asyncio.create_task(beat) for beat in (self._close_idle(), self._lag.run())]
         room = self.open_rooms_again()[-1] if options.resume else self.open_room()
         return {"url": self._url, "room": room.code, "join": self.join_address(room.code), "udp_port": room.udp_port}
 
@@ -176,6 +180,7 @@ class Server:
     def _host(
         self, room: Room, recorder: FolderRecorder | None, objects: ObjectFile | None, roster: Roster | None = None
     ) -> Room:
+        room.lag = self._lag.told
         host = RoomHost(room, self.options.workers, recorder, objects)
         host.start()
         self.hosts.append(host)
@@ -195,8 +200,8 @@ class Server:
 
     async def close(self) -> None:
         """Everything ended and on disk."""
-        if self._closing_idle is not None:
-            self._closing_idle.cancel()
+        for task in self._tasks:
+            task.cancel()
         if self._udp is not None:
             self._udp.close()
         if self._webtransport is not None:

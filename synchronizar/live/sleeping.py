@@ -119,15 +119,18 @@ class Sleeping:
     def _needed(self, t: float, users: Mapping[str, Standing]) -> dict[str, str]:
         """Whose modules have to be awake, and whose need that is."""
         needed: dict[str, str] = {}
+        partners: defaultdict[str, list[str]] = defaultdict(list)
+        for a, b in self._ranged:
+            partners[a].append(b)
+            partners[b].append(a)
         lonely = None
         for user in users:
             if self._known[user].settled or t - self._known[user].heard > self._parameters.unheard:
                 continue
             needed[user] = user
-            partners = [b if user == a else a for a, b in self._ranged if user in (a, b)]
-            for partner in partners:
+            for partner in partners[user]:
                 needed.setdefault(partner, user)
-            lonely = lonely or (None if partners else user)
+            lonely = lonely or (None if partners[user] else user)
         if lonely is not None:
             for user in users:
                 needed.setdefault(user, lonely)

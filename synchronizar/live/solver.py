@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import sys
 from asyncio.subprocess import PIPE, Process
 from collections import deque
@@ -28,6 +30,7 @@ from synchronizar.live.solver_wire import (
     framed,
     reply_decoder,
 )
+from synchronizar.live.sparing import RANGES_S, Sparing
 
 SAVED_EVERY = 5.0
 """s between states that are written; what came since is kept and said again to a process that is begun anew."""
@@ -35,6 +38,7 @@ _MOST_UNANSWERED = 2
 """Questions on their way at most: what comes meanwhile goes in one block, so that a slow solver skips moments."""
 _MOST_KEPT = 200_000
 """Commands that are kept while there is no state yet."""
+_ENDS_WITHIN_S = 0.5
 _QUICK_DEATHS = 3
 _QUICK_S = 2.0
 
@@ -78,7 +82,9 @@ class SolverProcess:
         self._told, self._finished, self._event = told, finished, event
         self._saving_hook, self._saved_hook = saving, saved
         self._state, self._begin = state, begin
-        self._waits_for_all = begin.workers == 0
+        self._spared = None if begin.workers == 0 else Sparing()
+        """Nothing is left out where the answer must not hang on how fast things come."""
+        self._heard_of: float | None = None
         self._serial = 0
         self._pending: list[Command] = []
         self._kept: deque[Block] = deque()
@@ -105,14 +111,18 @@ class SolverProcess:
         """Something that a device said; it goes with the next question."""
         if isinstance(command, NewFrame):
             self._frames[command.user] = command.frame
-        self._pending.append(command)
-        if len(self._pending) > _MOST_KEPT:  # a solver that answers nothing more, and is not asked
-            self._pending = [command for command in self._pending if not isinstance(command, Pose | Range)]
+        if self._spared is None or self._spared.takes(command):
+            self._pending.append(command)
+        if len(self._pending) > _MOST_KEPT and self._spared is not None:
+            self._pending = _without_measured(self._pending)  # it has said nothing for a minute or so
 
     def advance(self, t: float) -> None:
         """Ask what is known at `t`. One that is behind is not asked until it has answered, unless time is recorded."""
-        if len(self._unanswered) >= _MOST_UNANSWERED and not self._waits_for_all:
-            return
+        if self._spared is not None:
+            if self._spared.update(t, 0.0 if self._heard_of is None else t - self._heard_of):
+                self._event(_sparing(self._spared.step))
+            if len(self._unanswered) >= _MOST_UNANSWERED:
+                return
         self._pending.append(Advance(t))
         self._unanswered.append(self._serial + 1)
         if self._save_at is None:
@@ -155,9 +165,8 @@ class SolverProcess:
     async def close(self) -> None:
         """End the process."""
         self.closed = True
-        if self._process is not None and self._process.returncode is None:
-            with suppress(ProcessLookupError):
-                self._process.terminate()
+        if self._process is not None:
+            _signal(self._process, signal.SIGTERM)
             await self._process.wait()
 
     async def _run_once(self) -> None:
@@ -178,9 +187,12 @@ class SolverProcess:
                 (size,) = LENGTH.unpack(await process.stdout.readexactly(LENGTH.size))
                 self._hear(reply_decoder.decode(await process.stdout.readexactly(size)))
         finally:
-            with suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+            # It has ended, or is about to: to kill it at once would reap it before the loop does, which warns.
+            try:
+                await asyncio.wait_for(process.wait(), _ENDS_WITHIN_S)
+            except TimeoutError:
+                _signal(process, signal.SIGKILL)
+                await process.wait()
             self._process = None
 
     def _send(self) -> None:
@@ -200,6 +212,7 @@ class SolverProcess:
     def _hear(self, reply: Told | Saved | Finished) -> None:
         match reply:
             case Told():
+                self._heard_of = reply.t
                 while self._unanswered and self._unanswered[0] <= reply.serial:
                     self._unanswered.popleft()
                 if len(self._unanswered) <= _MOST_UNANSWERED:
@@ -220,7 +233,25 @@ class SolverProcess:
     def _forget_measured(self) -> None:
         """Leave poses and ranges out of what is kept; who is there and what frames they have stays."""
         for block in self._kept:
-            block.commands = [c for c in block.commands if not isinstance(c, Pose | Range | Advance | Save)]
+            block.commands = _without_measured(block.commands)
         self._kept_commands = sum(len(block.commands) for block in self._kept)
         self._unanswered.clear()
         self._drained.set()
+
+
+def _without_measured(commands: list[Command]) -> list[Command]:
+    """Who is there, and what frames they have."""
+    return [c for c in commands if not isinstance(c, Pose | Range | Advance | Save)]
+
+
+def _sparing(step: int) -> str:
+    if step == 0:
+        return "the solver keeps up again: all ranges go to it"
+    return f"the solver does not keep up: of each pair of devices a range in {RANGES_S[step]:g} s goes to it"
+
+
+def _signal(process: Process, number: signal.Signals) -> None:
+    """Not by its own methods: they look first whether it has ended, and take its status away from who waits for it."""
+    if process.returncode is None:
+        with suppress(ProcessLookupError):
+            os.kill(process.pid, number)

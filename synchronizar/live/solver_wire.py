@@ -14,8 +14,8 @@ LENGTH = struct.Struct("<I")
 LARGEST_BLOCK = 256 * 1024 * 1024
 
 
-class _Word(msgspec.Struct, array_like=True):
-    pass
+class _Word(msgspec.Struct, array_like=True, gc=False):
+    """Hundreds of thousands are kept; none of them is in a cycle, and looking for one takes long."""
 
 
 class AddUser(_Word, tag="u"):

@@ -265,7 +265,6 @@ def test_bad_walks_are_refused(change: dict[str, object], fault: str) -> None:
     ends = (np.zeros((1, 3)),) * 3
     arguments: dict[str, object] = {
         "reference": 0,
-        "calibrated": True,
         "first": np.array([0, 2, 4], dtype=np.int32),
         "t": np.arange(4.0),
         "slam": np.zeros((4, 3)),

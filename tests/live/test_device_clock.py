@@ -61,3 +61,23 @@ def test_one_word_from_the_future_says_nothing_of_those_that_follow() -> None:
     )
     assert clock.steps == 0
     assert np.abs(off).max() < 0.01
+
+
+@pytest.mark.parametrize("step", [5000.0, -5000.0])
+def test_who_comes_again_by_another_clock_is_followed_at_once(step: float) -> None:
+    clock = DeviceClock()
+    stamps = np.arange(0.0, 30.0, 0.1)
+    heard(clock, stamps, np.full(len(stamps), 0.004))
+    clock.reconnect()
+    off = heard(clock, stamps + 30.0 - step, np.full(len(stamps), 0.004), AHEAD + step)
+    assert np.abs(off).max() < 0.01
+
+
+def test_who_comes_again_by_the_same_clock_keeps_its_time() -> None:
+    clock = DeviceClock()
+    clock.offer(AHEAD)
+    stamps = np.arange(0.0, 30.0, 0.1)
+    heard(clock, stamps, np.full(len(stamps), 0.02))
+    clock.reconnect()
+    off = heard(clock, stamps + 30.0, np.full(len(stamps), 0.15))  # a slow network at first
+    assert np.abs(off[:10]).max() < 0.01

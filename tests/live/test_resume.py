@@ -135,7 +135,7 @@ def test_what_came_after_the_state_is_said_again_in_the_order_of_time_and_half_a
     recorder.flush()
     with (tmp_path / "tracks" / "alice.tum").open("a") as file:
         file.write("2.5 1.0 2")
-    begin, offsets = begin_again(tmp_path, 0)
+    begin, offsets = begin_again(tmp_path, 0, recorder.offsets())
     assert begin.state == str(tmp_path / "solver.state")
     assert offsets == before
     known = [KnownDevice(alice, "", 0, 0), KnownDevice(bob, "", 1, 1)]
@@ -154,3 +154,20 @@ def test_what_came_after_the_state_is_said_again_in_the_order_of_time_and_half_a
     assert recorded.tracks["alice"].t.tolist() == [1.0, 2.01, 3.0]
     assert recorded_name("bob", 1) in recorded.tracks
     assert recorded.ranges.t.tolist() == [1.0, 2.02]
+
+
+def test_a_state_that_knows_more_than_was_written_is_told_what_is_written_from_then_on(tmp_path: Path) -> None:
+    recorder = FolderRecorder(tmp_path)
+    alice = m.UserSettings("alice")
+    recorder.user(alice, 0)
+    recorder.pose("alice", 0, 1.0, (1.0, 2.0, 3.0), NO_TURN)
+    recorder.flush()
+    recorder.pose("alice", 0, 2.0, (1.0, 2.0, 3.0), NO_TURN)
+    recorder.note("resume.json", {"offsets": recorder.offsets(), "frames": {}})
+    (tmp_path / "solver.state").write_bytes(b"state")
+    again = FolderRecorder(tmp_path)  # the other one's process was killed: its last line is lost
+    begin, offsets = begin_again(tmp_path, 0, again.offsets())
+    again.pose("alice", 0, 12.0, (4.0, 5.0, 6.0), NO_TURN)
+    again.close()
+    said = tail(tmp_path, [KnownDevice(alice, "", 0, 0)], begin, offsets)
+    assert [c for c in said if isinstance(c, Pose)] == [Pose("alice", 12.0, (4.0, 5.0, 6.0), NO_TURN)]

@@ -326,3 +326,26 @@ def test_nothing_that_a_client_is_told_holds_a_secret() -> None:
     text = json.dumps([m.encode(word).decode() for word in words])
     assert secret not in text
     assert house.room.key.hex() not in text
+
+
+def test_places_that_change_are_told_five_times_a_second_at_most_and_states_at_once() -> None:
+    house = House()
+    alice, _ = house.enter("alice", "bob")
+    house.told(alice=YawFrame(), bob=YawFrame(x=1.0))
+    house.said_to(alice)
+    told = []
+    for n in range(1, 11):
+        house.clock.t += 0.1
+        house.told(alice=YawFrame(), bob=YawFrame(x=1.0 + 0.01 * n))
+        told += [(n, word) for word in house.said_to(alice) if isinstance(word, m.Frames)]
+    assert [n for n, _ in told] == [2, 4, 6, 8, 10]
+    assert told[-1][1].users["bob"].x == pytest.approx(1.1)
+    house.clock.t += 0.01
+    house.told(alice=YawFrame())
+    assert set(only(m.Frames, house.said_to(alice)).users) == {"alice"}
+    house.clock.t += 0.01
+    house.told(alice=YawFrame(x=0.5))
+    assert not [word for word in house.said_to(alice) if isinstance(word, m.Frames)]
+    house.clock.t += 0.2
+    house.told(alice=YawFrame(x=0.5))  # nothing has changed since, and it has not been told yet
+    assert only(m.Frames, house.said_to(alice)).users["alice"].x == 0.5

@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
+import numpy as np
+
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.incremental.cues import Cue
 from synchronizar.estimation.integrity import Verdict
+from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.parameters import IntegrityParameters
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,18 @@ class Placed:
     """(6, 6) of errors in x, y, z (m, common axes), yaw (rad), its log scale, the reference's log scale."""
     calibration_sigma: Array
     """(3,) 1 sigma of log scale, bias (m), clock (s); NaN where a static radio has none."""
+
+    def at(self, place: Array) -> Array:
+        """(3,) m: where a place (3,) in its repaired SLAM frame is in the common one."""
+        x, y, yaw, height, log_scale = self.state[:5].tolist()
+        frame = np.array([x, y, height, yaw])
+        return np.asarray(apply_frames(frame, np.exp(log_scale) * (place - self.place)))
+
+    def is_elsewhere(self, other: Placed, parameters: IntegrityParameters) -> bool:
+        """Whether it is not where the same user is by `other`, at the pose of that one."""
+        apart = float(np.linalg.norm(self.at(other.place) - other.at(other.place)))
+        turn = abs(wrap_angle(float(self.state[2] - other.state[2])))
+        return apart > 0.5 * parameters.largest_error or turn > 0.5 * parameters.largest_yaw_error
 
 
 @dataclass

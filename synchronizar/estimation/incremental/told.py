@@ -30,14 +30,14 @@ def registration_now(engine: Engine) -> Registration:
     reference = engine.users[engine.reference].name
     alternatives = tuple(
         Alternative(cost, {engine.users[u].name: _frame(engine.users[u], frame, 1.0) for u, frame in frames.items()})
-        for cost, frames in engine.alternatives
+        for cost, frames in engine.findings.alternatives
     )
     return Registration(reference, "full", "joint", users, alternatives, range_verdicts(engine), _NO_SECONDS)
 
 
 def user_now(engine: Engine, u: int) -> UserRegistration:
     """One user, at its last pose."""
-    user, standing = engine.users[u], engine.standings[u]
+    user, standing = engine.users[u], engine.roster.standings[u]
     if not engine.solved:
         return _disconnected(user, NOTHING_SOLVED)
     state, reason = engine.state(u), engine.reason(u)
@@ -55,7 +55,7 @@ def user_now(engine: Engine, u: int) -> UserRegistration:
     scale = 1.0 if user.static else float(np.exp(placed.state[4]))
     sigma = placed.calibration_sigma
     verdict = standing.verdict
-    place, heading = engine.tracking.noise[u].tolist()
+    place, heading = engine.following.tracking.noise[u].tolist()
     return UserRegistration(
         name=user.name,
         state=state,
@@ -81,8 +81,8 @@ def _disconnected(user: User, reason: str) -> UserRegistration:
 
 def _about_origin(engine: Engine, u: int, placed: Placed) -> tuple[Array, Array, Array | None]:
     """common_from_user (4,), its covariance (4, 4), and the direction seen least (4,), about the user's own origin."""
-    user, verdict = engine.users[u], engine.standings[u].verdict
-    frame = engine.own_frame(u, placed)
+    user, verdict = engine.users[u], engine.roster.standings[u].verdict
+    frame = engine.roster.own_frame(u, placed)
     x, y, _, height = placed.state[:4].tolist()
     arm = np.array([x, y, height]) - frame[:3]
     by_last = np.eye(4, 6)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Container, Hashable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from synchronizar._core import burst_nlos_odds_of_pairs, mixture_terms
+from synchronizar._core import mixture_terms
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.innovations import Innovations
+from synchronizar.estimation.incremental.kept import kept, restore_kept
+from synchronizar.estimation.incremental.range_weighing import RangeWeighing
 from synchronizar.estimation.incremental.slot_ranges import (
     DISTANCE,
-    LINK,
     NLOS_ODDS,
     ODDS,
     SERIAL,
@@ -29,7 +30,7 @@ from synchronizar.estimation.incremental.slot_ranges import (
 from synchronizar.estimation.incremental.slot_states import SlotStates
 from synchronizar.graph.follower import Follower, SlotState
 from synchronizar.graph.pose_graph import calibration_sigmas
-from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
+from synchronizar.graph.priors import height_sigma_of, nlos_mixture
 from synchronizar.graph.slot_factors import (
     Joining,
     SlamStep,
@@ -43,16 +44,12 @@ from synchronizar.graph.slot_factors import (
 )
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import PoseStream
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
-from synchronizar.preprocessing.range_weights import measured_range_weights, measured_sizes
 from synchronizar.quaternions import rotate_by_quaternions
 
 _REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
 _BURST_SLOTS = 2  # ... and at each update: what came just before tells most of whether a line of sight is blocked
-_SUREST = 27.0  # log odds that a range is NLOS, at most
-_CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
 _STEPS = 5  # Gauss-Newton steps of a graph that is built anew, one an update
 _MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
@@ -112,6 +109,11 @@ class NewRanges(NamedTuple):
 class Tracking:
     """The users who are followed, their slots and ranges, and the graph over these."""
 
+    KEPT: ClassVar[tuple[str, ...]] = (
+        *("assumed_clock", "noise", "height_spread", "height_weight", "members", "origin", "_waiting", "_judged_at"),
+        *("_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
+    )
+
     def __init__(self, users: tuple[User, ...], streams: list[PoseStream | None], parameters: Parameters) -> None:
         """`streams` of all k users; None for static radios."""
         self.users, self.streams, self.parameters = users, streams, parameters
@@ -129,8 +131,7 @@ class Tracking:
         self._loss = nlos_mixture(parameters)
         self._waiting: NewRanges | None = None
         self.slots = SlotStates(len(users))
-        self._weight: dict[tuple[int, int], float] = {}
-        self._size: dict[tuple[int, int], float] = {}
+        self.weighing = RangeWeighing(parameters)
         self._judged_at = -1
         self._unsettled = 0
         self._untaken: list[Array] = []
@@ -298,7 +299,7 @@ class Tracking:
                 links,
                 slot[there],
                 ready.nlos_odds,
-                [self._weight_of(i, j) for i, j in zip(ready.i.tolist(), ready.j.tolist(), strict=True)],
+                [self.weighing.weight_of(i, j) for i, j in zip(ready.i.tolist(), ready.j.tolist(), strict=True)],
                 ready.serial,
             ]
         )
@@ -310,10 +311,6 @@ class Tracking:
         columns[:, -1] -= bias
         self._untaken.append(np.column_stack([columns, away]))
         return sorted(set(slot[there].tolist()))
-
-    def _weight_of(self, i: int, j: int) -> float:
-        """What a range of a pair was worth lately; at first what it will be worth among so many."""
-        return self._weight.get((i, j), 0.1)
 
     def _ends(
         self, t: Array, who: Indices, antenna: Indices, slot: Indices, wanted: Mask
@@ -438,72 +435,13 @@ class Tracking:
         return self.slots.residuals(rows)
 
     def judge(self, first: int, weigh: bool) -> None:
-        """NLOS odds of the ranges from slot `first` on, anew; where `weigh` says so, weights and sizes of errors too.
-
-        Slots in which odds or weights changed are put anew. A burst shows by how large line-of-sight errors are, which
-        the model has as large as reflections make them. They are measured on those that pass by the model's own sigma:
-        on those that pass by their own measure they would shrink without end.
-        """
-        rows = self.ranges.rows
-        which = np.flatnonzero(rows[:, SLOT] >= first)
-        if not len(which):
-            return
-        which = which[np.lexsort([rows[which, T], rows[which, USER_J], rows[which, USER_I]])]
-        part = rows[which]
-        t, sigma, prior, before = (np.ascontiguousarray(part[:, c]) for c in (T, SIGMA, ODDS, NLOS_ODDS))
-        whitened = self.residuals(part) / sigma
-        change = np.flatnonzero(np.diff(part[:, USER_I]) + len(self.users) * np.diff(part[:, USER_J]) != 0.0) + 1
-        bounds = np.concatenate([[0], change, [len(part)]]).astype(np.int32)
-        bursts = bursts_of(self.parameters)
-        pair = [(i, j) for i, j in part[bounds[:-1]][:, [USER_I, USER_J]].astype(int).tolist()]
-        size = np.repeat([self._size.get(of, 1.0) for of in pair], np.diff(bounds))
-        if weigh:
-            model, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts)
-            _, robust, _ = mixture_terms(whitened, sigma, model, self._loss)
-            size = measured_sizes(bounds, self._nominal(sigma) / sigma, whitened, robust, self.parameters)
-            self._size.update(zip(pair, size[bounds[:-1]].tolist(), strict=True))
-        odds, _ = burst_nlos_odds_of_pairs(bounds, t, whitened / size, sigma * size, prior, self._loss, bursts)
-        # The loss has the model's sigma: at these residuals it is to say what the chain says.
-        narrower = 0.5 * np.minimum(whitened, 0.0) ** 2 * (size**-2 - 1.0)
-        odds = np.minimum(odds * size * np.exp(np.minimum(narrower, _SUREST)), np.exp(_SUREST))
-        weight = self._measured_weights(part, whitened, odds) if weigh else part[:, WEIGHT]
-        inlier, inlier_before = (mixture_terms(whitened, sigma, of, self._loss)[2] for of in (odds, before))
-        changed = np.abs(inlier - inlier_before) > _CHANGED
-        changed |= np.abs(np.log(weight / part[:, WEIGHT])) > 2.0 * _CHANGED
-        slots = np.unique(part[changed, SLOT]).astype(int).tolist()
-        taken = np.isin(part[:, SLOT], slots)  # the others keep what they were put with
-        rows[which[taken], NLOS_ODDS], rows[which[taken], WEIGHT] = odds[taken], weight[taken]
-        for slot in slots:
+        """NLOS odds of the ranges from slot `first` on, anew, and weights if `weigh` says so; what changed is put."""
+        for slot in self.weighing.judge(self.ranges, self.slots, len(self.users), first, weigh):
             self._put(slot)
 
     def _refresh(self) -> None:
         """All estimates of the window."""
         self._read([(user, slot) for slot, users in self.follower.slots.items() for user in users])
-
-    def _nominal(self, sigma: Array) -> Array:
-        """(n,) m: 1 sigma that recordings give, of ranges that have this `sigma` (n,) by the model."""
-        return np.sqrt(np.maximum(sigma**2 - self.parameters.ranges.multipath_sigma**2, 1e-12))
-
-    def _measured_weights(self, part: Array, whitened: Array, odds: Array) -> Array:
-        """(n,) range weights of ranges (n, columns) sorted by pair, each as if its later neighbours had come."""
-        _, weight, _ = mixture_terms(whitened, part[:, SIGMA].copy(), odds, self._loss)
-        none = np.zeros((len(part), 3))
-        nominal = self._nominal(part[:, SIGMA])
-        i, j = part[:, USER_I].astype(np.int32), part[:, USER_J].astype(np.int32)
-        t = part[:, T].copy()
-        measurements = RangeMeasurements(
-            i, j, t, none, none, part[:, DISTANCE].copy(), nominal, part[:, ODDS].copy(), np.zeros(len(part), np.int32)
-        )
-        links = part[:, LINK].astype(np.int32)
-        out = measured_range_weights(measurements, part[:, SIGMA].copy(), whitened, weight, links, self.parameters)
-        recent = t > t.max() - self.parameters.ranges.multipath_duration
-        for pair in pairs(measurements):
-            k = pair.measurements
-            of_pair, new = out[k], recent[k]
-            settled = float(of_pair[~new].mean()) if (~new).any() else float(of_pair.min())
-            out[k] = np.where(new, np.minimum(of_pair, settled), of_pair)
-            self._weight[pair.i, pair.j] = settled
-        return out
 
     # Who is in it
 
@@ -600,14 +538,13 @@ class Tracking:
 
     def state(self) -> dict[str, Any]:
         """All of it but for users and streams, as `restore` takes it."""
-        known = {name: getattr(self, name) for name in _KEPT}
         tables = {"ranges": self.ranges.rows.copy(), "slots": self.slots.to_table()}
-        return known | tables | {"follower": self.follower.to_state()}
+        return kept(self) | tables | {"weighing": kept(self.weighing), "follower": self.follower.to_state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """What `state` told of. KeyError, ValueError or RuntimeError where it does not fit together."""
-        for name in _KEPT:
-            setattr(self, name, state[name])
+        restore_kept(self, state)
+        restore_kept(self.weighing, state["weighing"])
         self.ranges = SlotRanges()
         self.ranges.restore(state["ranges"])
         self.slots = SlotStates(len(self.users))
@@ -625,12 +562,6 @@ class Tracking:
         if kind == "prior":
             return self._prior_of(name)
         return self._tying(*name) if kind in ("step", "walk") else self._holding(*name)
-
-
-_KEPT = (
-    *("assumed_clock", "noise", "height_spread", "height_weight", "members", "origin", "_waiting", "_weight", "_size"),
-    *("_judged_at", "_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
-)
 
 
 def _links(ranges: NewRanges) -> Indices:

@@ -60,9 +60,9 @@ class Told:
         self.t.append(now)
         self.states.append([engine.state(u) for u in range(len(engine.users))])
         self.frames.append([user.common_from_user for user in users])
-        stream = engine.streams[0]
+        stream = engine.roster.streams[0]
         assert stream is not None
-        self.kept.append((len(stream), len(engine.log.rows), len(engine.tracking.follower.slots)))
+        self.kept.append((len(stream), len(engine.log.rows), len(engine.following.tracking.follower.slots)))
 
     def first(self, user: int, state: State) -> float:
         """When a user first was in a state."""
@@ -136,7 +136,7 @@ def errors(told: Told, simulation: Simulation) -> Array:
 def sigmas(told: Told) -> Array:
     """(k - 1, 4) 1 sigma of all but the reference: x, y (both along the longer axis), z (m), yaw (rad)."""
     out = []
-    for standing in told.engine.standings[1:]:
+    for standing in told.engine.roster.standings[1:]:
         assert standing.placed is not None
         covariance = standing.placed.covariance[:4, :4]
         plane = np.linalg.eigvalsh(covariance[:2, :2])[-1]
@@ -241,9 +241,9 @@ def test_a_search_that_is_nearly_decided_is_soon_repeated() -> None:
         while t < now:
             add(engine)
             t, add = next(rest)
-        before, progress = engine.searched, engine.standings[1].progress
+        before, progress = engine.schedule.searched, engine.roster.standings[1].progress
         engine.advance(now)
-        if engine.searched > before > 0.0:
+        if engine.schedule.searched > before > 0.0:
             begun.append((now - before, progress))
         if engine.state(1) is State.REGISTERED:
             break
@@ -298,7 +298,7 @@ def test_late_and_shuffled_and_thinned_messages_still_register() -> None:
 def test_one_range_stamped_a_day_away_changes_nothing(away: float) -> None:
     recording, plain = simulated(CLEAN).recording, walked(CLEAN)
     told = feed(recording, [*messages(recording), (6.0, lambda e: e.add_range(6.0 + away, 0, 1, 2.0))])
-    assert told.engine.now == plain.engine.now
+    assert told.engine.roster.now == plain.engine.roster.now
     assert told.states == plain.states
     assert told.frames == plain.frames
 
@@ -310,7 +310,7 @@ def test_one_time_a_day_away_does_not_make_it_that_day(away: float) -> None:
 
     recording, plain = simulated(CLEAN).recording, walked(CLEAN)
     told = feed(recording, [*messages(recording), (7.05, stray)])
-    assert told.engine.now == plain.engine.now
+    assert told.engine.roster.now == plain.engine.roster.now
     assert told.states == plain.states
 
 
@@ -319,8 +319,8 @@ def test_first_ranges_stamped_astray_do_not_begin_anything() -> None:
     recording, plain = simulated(CLEAN).recording, walked(CLEAN)
     early: list[Message] = [(0.0, lambda e, n=n: e.add_range(-DAY + n, 0, 1, 2.0)) for n in range(2)]  # type: ignore[misc]
     told = feed(recording, [*early, *messages(recording)])
-    assert told.engine.tracking.origin == plain.engine.tracking.origin
-    assert told.engine.standings[1].since == plain.engine.standings[1].since
+    assert told.engine.following.tracking.origin == plain.engine.following.tracking.origin
+    assert told.engine.roster.standings[1].since == plain.engine.roster.standings[1].since
     assert told.states[-1] == plain.states[-1]
 
 
@@ -329,9 +329,9 @@ def test_time_that_goes_on_after_a_pause_is_followed() -> None:
     engine = feed(simulated(CLEAN).recording, messages(simulated(CLEAN).recording)[::2], SHORT).engine
     for n in range(10):
         engine.advance(200.0 + n * TICK)
-    assert engine.now == pytest.approx(200.9)
+    assert engine.roster.now == pytest.approx(200.9)
     assert engine.state(1) is State.DISCONNECTED
-    assert not engine.tracking.members
+    assert not engine.following.tracking.members
 
 
 # ---- who comes late, who leaves ----
@@ -376,8 +376,8 @@ def test_who_leaves_is_disconnected_after_the_window_and_the_others_stay() -> No
     assert told.states[-1] == [State.REGISTERED, State.REGISTERED, State.DISCONNECTED]
     went = next(t for t, events in zip(told.t, told.events, strict=True) if "phone2: disconnected" in " ".join(events))
     assert 8.0 < went < 8.0 + SHORT.incremental.window + 2.0
-    assert set(told.engine.tracking.members) == {0, 1}
-    assert told.engine.standings[2].since is None
+    assert set(told.engine.following.tracking.members) == {0, 1}
+    assert told.engine.roster.standings[2].since is None
 
 
 @pytest.mark.parametrize("poses_too", [False, True])
@@ -399,8 +399,8 @@ def test_where_the_reference_leaves_the_others_go_on() -> None:
         tracks={**recording.tracks, "phone0": short},
     )
     told = feed(recording, messages(recording), SHORT)
-    assert set(told.engine.tracking.members) == {1, 2}
-    assert told.engine.gauge in (1, 2)
+    assert set(told.engine.following.tracking.members) == {1, 2}
+    assert told.engine.following.gauge in (1, 2)
     assert told.states[-1] == [State.REGISTERED] * 3
 
 
@@ -470,7 +470,7 @@ def test_what_is_kept_does_not_grow_with_the_walk() -> None:
     assert poses < 2.0 * (window + 4.0) * scene.track_rate_hz  # tables are cut when a quarter is free
     assert ranges < (window + 3.0) * scene.round_hz * 1.5
     assert slots <= window + 2
-    tracking = told.engine.tracking
+    tracking = told.engine.following.tracking
     assert len(tracking.slots) <= 2 * (window + 2)
     assert len(tracking._steps) <= 2 * (window + 2)
 

@@ -12,6 +12,7 @@ from support.live import feed
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
+from synchronizar.estimation.incremental.asked import snapshot_of
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.searcher import Searcher
 from synchronizar.estimation.incremental.snapshot import Found, Snapshot
@@ -29,7 +30,7 @@ def recording() -> Recording:
 def snapshot() -> Snapshot:
     engine = Engine(recording().users, 0)
     feed(engine, recording(), end=4.0)
-    return engine._snapshot(0.0, 0, [1], False)
+    return snapshot_of(engine.roster, engine.following, engine.log, [1], False, ())
 
 
 def ended(searcher: Searcher) -> Found | None:
@@ -131,10 +132,10 @@ def test_what_was_closed_is_closed_and_may_be_closed_again(workers: int) -> None
 def test_who_is_added_while_a_search_goes_on_is_not_in_what_it_finds() -> None:
     engine = Engine(recording().users, 0)
     feed(engine, recording(), end=4.0)
-    engine._searcher.begin(engine._snapshot(0.0, 0, [1], False))
+    engine._searcher.begin(snapshot_of(engine.roster, engine.following, engine.log, [1], False, ()))
     engine.add_user(User("zoe"))
     assert engine.advance(4.05) is not None
-    assert engine.tracking.noise.shape == (3, 2)
+    assert engine.following.tracking.noise.shape == (3, 2)
     engine.add_range(4.06, 0, 2, 2.0)
     feed(engine, recording(), begin=4.1, end=6.0)
     assert engine.state(2) is State.DISCONNECTED

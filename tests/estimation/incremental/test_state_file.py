@@ -21,10 +21,36 @@ from synchronizar.simulation.simulate import Scene, simulate
 
 SCENE = Scene(users=2, seconds=14.0, rate_hz=8.0, late_share=0.1, seed=1, antennas=1, static_radios=1)
 PARAMETERS = Parameters().changed(incremental={"window": 4.0}, integrity={"proven_duration": 1.0})
-ENGINE_STATE = {"users", "reference", "parameters", "streams", "log", "tracking"}
-"""What a file holds in some other way, or the caller gives."""
-NOT_KEPT = {"_searcher", "_members", "_contradictions", "_clock", "_guard"}
-"""Made anew of what is kept, or kept by a method of theirs."""
+BY_A_METHOD = {
+    "Engine": {
+        "log",
+        "roster",
+        "following",
+        "schedule",
+        "findings",
+        "_judging",
+        "_cueing",
+        "_clock",
+        "_guard",
+        "_told",
+    },
+    "Roster": {"users", "reference", "streams"},
+    "Following": {"tracking", "contradictions"},
+    "Tracking": {"follower", "ranges", "slots", "weighing"},
+}
+"""What a part of an engine keeps in some other way than by its attributes' names."""
+NOT_KEPT = {
+    "Engine": {"parameters", "_searcher"},
+    "Roster": {"parameters"},
+    "Following": {"_roster", "_log", "members"},
+    "Tracking": {"users", "streams", "parameters", "_loss"},
+    "RangeWeighing": {"_parameters", "_loss"},
+    "Schedule": {"_roster", "_following"},
+    "Findings": {"_roster", "_following", "_verdicts"},
+    "Judging": {"_roster", "_log", "_following", "_schedule"},
+    "Cueing": {"_roster", "_log", "_following"},
+}
+"""Made anew of what is kept, given by the caller, or another part's."""
 
 
 @cache
@@ -72,14 +98,14 @@ def test_who_is_saved_and_loaded_says_the_same_then_and_for_ever(cut: float, tmp
     assert_the_same(loaded, engine, 1e-9)
     told = [feed(each, recording(), cut, cut + 3.0) for each in (engine, loaded)]
     assert told[0] == told[1]
-    assert list(loaded.tracking.members) == list(engine.tracking.members)
+    assert list(loaded.following.tracking.members) == list(engine.following.tracking.members)
     assert_the_same(loaded, engine, 1e-6)
 
 
 def test_the_walk_that_is_cut_has_followed_people_and_marginals() -> None:
     engine = walked(13.9)
-    assert set(engine.tracking.members) == {0, 1, 2}
-    assert any(name[0] == "marginal" for name in engine.tracking.follower.names())  # type: ignore[index]
+    assert set(engine.following.tracking.members) == {0, 1, 2}
+    assert any(name[0] == "marginal" for name in engine.following.tracking.follower.names())  # type: ignore[index]
 
 
 def test_saving_changes_nothing(tmp_path: Path) -> None:
@@ -104,8 +130,12 @@ def test_what_is_saved_twice_is_written_to_the_last_bit(tmp_path: Path) -> None:
 
 def test_nothing_that_an_engine_knows_is_left_out() -> None:
     engine = walked(1.0)
-    kept = set(engine.to_state())
-    assert set(vars(engine)) <= kept | ENGINE_STATE | NOT_KEPT
+    tracking = engine.following.tracking
+    followed = [engine.following, tracking, tracking.weighing]
+    for part in [engine, engine.roster, *followed, engine.schedule, engine.findings, engine._judging, engine._cueing]:
+        name = type(part).__name__
+        known = {*getattr(part, "KEPT", ()), *BY_A_METHOD.get(name, ()), *NOT_KEPT[name]}
+        assert set(vars(part)) == known, name
 
 
 def test_users_keep_their_settings(tmp_path: Path) -> None:
@@ -168,7 +198,7 @@ def test_an_archive_that_does_not_fit_together_is_told(tmp_path: Path) -> None:
         np.savez(file, **{key: array for key, array in arrays.items() if key != name})  # type: ignore[arg-type]
         with pytest.raises(InputError, match=r"no saved state|damaged"):
             load(file, PARAMETERS, 0)
-    for header in ("{}", "[]", "1", '{"format": 5}', '{"format": 5, "known": ["record", "Popen", {}]}', "{"):
+    for header in ("{}", "[]", "1", '{"format": 6}', '{"format": 6, "known": ["record", "Popen", {}]}', "{"):
         np.savez(file, **(arrays | {"header": np.array(header)}))  # type: ignore[arg-type]
         with pytest.raises(InputError, match=r"no saved state|damaged"):
             load(file, PARAMETERS, 0)

@@ -1,0 +1,144 @@
+"""All users: who they are, their SLAM's poses, what is known of each, and what happened lately."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.data.jump import Jump
+from synchronizar.data.registration import State
+from synchronizar.data.user import User
+from synchronizar.estimation.incremental.kept import kept, restore_kept
+from synchronizar.estimation.incremental.standing import Placed, Standing
+from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.pose_stream import PoseStream, SetAside
+from synchronizar.quaternions import yaw_of_quaternions
+
+
+class Roster:
+    """Users by their index, at one moment."""
+
+    KEPT: ClassVar[tuple[str, ...]] = ("standings", "now", "events")
+
+    def __init__(self, users: tuple[User, ...], reference: int, parameters: Parameters) -> None:
+        self.users, self.reference, self.parameters = users, reference, parameters
+        self.streams = [self._stream(user) for user in users]
+        """Of each user; None for static radios."""
+        self.standings = [Standing() for _ in users]
+        self.now = -np.inf
+        """s, range clock."""
+        self.events: list[str] = []
+        """What happened since it was told last, a sentence each."""
+
+    def _stream(self, user: User) -> PoseStream | None:
+        return None if user.static else PoseStream(self.parameters)
+
+    def add_user(self, user: User) -> None:
+        """One more user, the last by index."""
+        self.users = (*self.users, user)
+        self.streams.append(self._stream(user))
+        self.standings.append(Standing())
+
+    def tell(self, user: int) -> None:
+        """A user's state is another one: it is among what happened."""
+        standing = self.standings[user]
+        self.events.append(f"{self.users[user].name}: {standing.state}: {standing.reason}")
+
+    def change(self, user: int, state: State, reason: str) -> None:
+        """A user's state and why; it is told where the state is another one."""
+        standing = self.standings[user]
+        changed = state is not standing.state
+        standing.state, standing.reason = state, reason
+        if changed:
+            self.tell(user)
+
+    def look_anew(self, user: int, state: State, reason: str) -> None:
+        """What was known of a user's place is not believed any more: it is looked for in what comes from now on."""
+        self.standings[user].begin_again(self.now, state, reason)
+        self.tell(user)
+
+    def renew_stream(self, user: int) -> None:
+        """A device's SLAM tells from now on what need not continue what it told before."""
+        self.streams[user] = self._stream(self.users[user])
+
+    def take_events(self) -> list[str]:
+        """What happened since the last call."""
+        events, self.events = self.events, []
+        return events
+
+    def notice_slam(self) -> bool:
+        """Jumps and doubts of devices' SLAM are told; whether one jumped."""
+        jumped = False
+        for user, stream in enumerate(self.streams):
+            if stream is None:
+                continue
+            for event in stream.take_events():
+                if isinstance(event, Jump):
+                    jumped = True
+                    what = f"its SLAM jumped by {event.distance:.2f} m and {np.degrees(event.turn):.0f} deg: mended"
+                    self.events.append(f"{self.users[user].name}: {what}")
+                elif isinstance(event, SetAside):
+                    self.events.append(f"{self.users[user].name}: {event.poses} {event.reason} poses are set aside")
+        return jumped
+
+    def doubted(self) -> set[int]:
+        """Whose SLAM may have stopped or jumped."""
+        return {u for u, stream in enumerate(self.streams) if stream is not None and stream.suspect is not None}
+
+    def state(self, user: int, suspected: frozenset[int]) -> tuple[State, str]:
+        """Of a user at this moment, and why.
+
+        `suspected`: whose latest ranges make it doubtful where they are; where the reference is, nobody is sure.
+        """
+        standing, stream = self.standings[user], self.streams[user]
+        if user == self.reference and not standing.contradicted:
+            return State.REGISTERED, "the reference: its frame is the common one"
+        if standing.is_registered:
+            if self.standings[self.reference].contradicted:
+                return State.UNOBSERVABLE, "the reference's own track is contradicted"
+            if stream is not None and stream.suspect is not None:
+                what = "stopped" if stream.suspect.kind == "frozen" else "jumped"
+                return State.UNOBSERVABLE, f"its SLAM may have {what}"
+            if not suspected.isdisjoint((user, self.reference)):
+                return State.UNOBSERVABLE, "its latest ranges may say that it is somewhere else"
+        return standing.state, standing.reason
+
+    def device_now(self, user: int) -> Array | None:
+        """(3,) m: where a user's device is in the common frame; None where that is not known."""
+        stream, placed = self.streams[user], self.standings[user].placed
+        last = None if stream is None else stream.last()
+        if placed is None:
+            return last.position[0] if last is not None and user == self.reference else None
+        return placed.at(placed.place if last is None else last.position[0])
+
+    def own_frame(self, user: int, placed: Placed) -> Array:
+        """(4,) x, y, z, yaw: common_from_user of a placed user, for its newest poses."""
+        x, y, yaw, height, log_scale = placed.state[:5].tolist()
+        return self.frame_at(user, np.array([x, y, height, yaw]), log_scale, placed.place)
+
+    def frame_at(self, user: int, place: Array, log_scale: float, at: Array) -> Array:
+        """(4,) x, y, z, yaw: common_from_user of a user whose device is at `place` (4,), SLAM's `at` (3,) repaired."""
+        stream = self.streams[user]
+        turned, offset = 0.0, np.zeros(3)
+        if stream is not None:
+            axes = stream.current_axes()
+            turned, offset = float(yaw_of_quaternions(axes.quat_xyzw[None])[0]), axes.offset
+        arm = apply_frames(np.array([0.0, 0.0, 0.0, place[3]]), np.exp(log_scale) * (at - offset))
+        return np.append(place[:3] - arm, wrap_angle(float(place[3] + turned)))
+
+    # To and from plain values
+
+    def to_state(self) -> dict[str, Any]:
+        """All that it knows but for who the users are, as `restore` takes it."""
+        streams = [None if stream is None else stream.state() for stream in self.streams]
+        return kept(self) | {"streams": streams}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """What `to_state` told of the same users."""
+        restore_kept(self, state)
+        for u, of_user in enumerate(state["streams"]):
+            self.streams[u] = None if of_user is None else PoseStream.from_state(self.parameters, of_user)
