@@ -15,6 +15,9 @@ SLEWED = 0.002
 """s per s: how fast a correction is brought in, so that stamps never run backwards."""
 STEPPED = 0.25
 """s: two clocks do not part so far within the window; the device's clock was set anew."""
+ANEW_S, ANEW_WORDS = 1.0, 8
+"""s and words in a row from the future, until the clock is believed to have been set: one such word is a mistake, and
+believed it would make all that follow look old."""
 _AT_FIRST_S = 2.0
 
 
@@ -29,6 +32,7 @@ class DeviceClock:
         self._began: float | None = None
         self._offset: float | None = None
         self._at = 0.0
+        self._ahead, self._ahead_since = 0, 0.0
 
     def reconnect(self) -> None:
         """The device comes again, perhaps by another clock: what its earlier words allowed counts no more."""
@@ -42,6 +46,9 @@ class DeviceClock:
     def hear(self, stamp: float, arrived: float) -> float:
         """The room's time of a word that was stamped by the device and arrived at `arrived` (s, room's clock)."""
         delay = arrived - stamp
+        if self._is_future(delay, arrived):
+            assert self._offset is not None
+            return stamp + self._offset
         while self._least and self._least[-1][1] >= delay:
             self._least.pop()
         self._least.append((arrived, delay))
@@ -63,3 +70,14 @@ class DeviceClock:
             self._offset += min(most, max(-most, target - self._offset))
         self._at = arrived
         return stamp + self._offset
+
+    def _is_future(self, delay: float, arrived: float) -> bool:
+        """Whether a word comes so long before it was said that it is wrong; where all do, the clock was set."""
+        known = self._began is not None and arrived - self._began >= _AT_FIRST_S
+        if not known or not self._least or self._offset is None or delay > self._offset - STEPPED:
+            self._ahead = 0
+            return False
+        if self._ahead == 0:
+            self._ahead_since = arrived
+        self._ahead += 1
+        return self._ahead < ANEW_WORDS or arrived - self._ahead_since < ANEW_S

@@ -41,6 +41,8 @@ from synchronizar.live.solver_wire import (
     framed,
 )
 
+_MOST_TOLD = 20
+"""Refusals that are told with one answer."""
 _DECIMALS = 9
 """Nanometres, of matrices that go to everybody ten times a second: further digits are half of the bytes."""
 
@@ -65,7 +67,8 @@ class Solving:
         try:
             return self._do(command, serial)
         except ValueError as error:
-            self._refused.append(str(error))
+            if len(self._refused) < _MOST_TOLD:
+                self._refused.append(str(error))
             return None
 
     def close(self) -> None:

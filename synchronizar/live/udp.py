@@ -52,13 +52,17 @@ class UdpPort:
                 data, source = self._socket.recvfrom(_LARGEST)
             except OSError:
                 return  # nothing more, or a reader that is gone
-            arrived = self._now()
-            room = self._room_of(data)
-            if room is None:
-                self._lobby.refused["datagram session"] += 1
-            elif (heard := room.hear_datagram(data, arrived)) is not None:
-                for order in room.orders_for(heard, arrived):
-                    self._send(order, source)
+            self.hear(data, source)
+
+    def hear(self, data: bytes, source: Any) -> None:
+        """A datagram from an address, which may be anybody's and anything."""
+        arrived = self._now()
+        room = self._room_of(data)
+        if room is None:
+            self._lobby.refused["datagram session"] += 1
+        elif (heard := room.hear_datagram(data, arrived)) is not None:
+            for order in room.orders_for(heard, arrived):
+                self._send(order, source)
 
     def _room_of(self, data: bytes) -> Room | None:
         session = session_of(data)
