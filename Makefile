@@ -14,7 +14,7 @@ export FUZZ_SECONDS ?= 5
 STUDIES := $(addprefix paper.,sampling_space distance sample_count pointing traces) \
 	$(addprefix sweeps.,sweeps ranges_needed beside_bound beside_recordings)
 
-.PHONY: demo live modules test lint docs sizes bench experiments clean
+.PHONY: demo live modules test lint audit docs sizes bench experiments clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m experiments.demo --out demo
@@ -47,6 +47,10 @@ lint: $(VENV)/linted-with $(CTEST)/built
 	if tools/have.sh npm; then npm install --silent --no-audit --no-fund --prefix build/eslint eslint@10.15.0 && \
 		build/eslint/node_modules/.bin/eslint --max-warnings 0 synchronizar/live/pages tests/live/js \
 		examples/node_client; fi
+
+# Known vulnerabilities of what is installed, where PyPI can be asked.
+audit: $(VENV)/installed
+	$(BIN)/python tools/audit.py $(VENV)
 
 # The pages of docs/ in build/docs; a warning, or a link that leads nowhere, is an error.
 docs: $(VENV)/documented-with

@@ -15,7 +15,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import msgspec
 import numpy as np
 
-from synchronizar.live import messages, pose_wire
+from synchronizar.live import budget, messages, pose_wire
 
 PAGE = Path(__file__).parent.parent / "docs" / "protocol.md"
 BEGIN = PAGE.parent.parent / "tools" / "protocol_begin.txt"
@@ -42,6 +42,10 @@ def page() -> str:
         .replace("{most_poses}", str(pose_wire.MOST_POSES))
         .replace("{largest}", str(messages.LARGEST_MESSAGE // 1024))
         .replace("{data}", str(messages.LARGEST_DATA // 1024))
+        .replace("{words}", str(budget.WORDS_A_SECOND))
+        .replace("{bytes}", str(budget.BYTES_A_SECOND // 1024))
+        .replace("{measured}", str(budget.MEASURED_A_SECOND))
+        .replace("{handed}", str(budget.HANDED_ON_A_SECOND))
     )
     parts = [begin, "## Joining, by HTTPS\n\n"]
     parts += [_section(kind) for kind in (messages.Join, messages.UserSettings, messages.Joined)]

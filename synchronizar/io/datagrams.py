@@ -31,6 +31,8 @@ MAX_DISTANCE_MM = 10_000_000
 MAX_OFFSET_US = 10_000_000
 MAX_TIME_NS = 1 << 62
 WINDOW = 64
+MOST_DERIVED = 256
+"""Keys that are kept, of those that were derived."""
 
 UNKNOWN_SIGMA = 2**16 - 1
 UNKNOWN_POWER = -(2**15)
@@ -128,6 +130,8 @@ class RoomKeys:
         """The key that the reporter with this address is given at provisioning."""
         _check_address(address)
         if address not in self._derived:
+            if len(self._derived) >= MOST_DERIVED:
+                self._derived.clear()  # whoever sends rubbish names any address
             self._derived[address] = reporter_key(self._key, self._session, address)
         return self._derived[address]
 
@@ -205,16 +209,17 @@ def decode_order(datagram: bytes, key: bytes) -> OrderDatagram:
 class Window:
     """Replay protection: which of one sender's newest sequence and the 63 before it were taken."""
 
-    def __init__(self) -> None:
-        self._newest = -WINDOW
-        self._taken = 0  # bit i: newest - i
+    def __init__(self, newest: int = -WINDOW) -> None:
+        """`newest`: all up to it were taken."""
+        self.newest = newest
+        self._taken = _U64 - 1 if newest >= 0 else 0  # bit i: newest - i
 
     def take(self, sequence: int) -> bool:
         """Take a sequence: True once for each that is not too old, False for one that was taken before."""
-        ahead = sequence - self._newest
+        ahead = sequence - self.newest
         if ahead > 0:
             self._taken = (self._taken << min(ahead, WINDOW) | 1) & (_U64 - 1)
-            self._newest = sequence
+            self.newest = sequence
             return True
         bit = 1 << -ahead if -ahead < WINDOW else self._taken
         if not bit or self._taken & bit:

@@ -100,9 +100,23 @@ class Receiver:
         self._waiting: dict[int, deque[RangesDatagram]] = {}
 
     @property
+    def datagrams(self) -> int:
+        """Number of datagrams that were taken."""
+        return sum(reporter.datagrams for reporter in self.reporters.values())
+
+    @property
     def dropped(self) -> int:
         """Number of ranges that reporters dropped by their own count, over all their restarts."""
         return sum(reporter.dropped for reporter in self.reporters.values())
+
+    def sequences(self) -> dict[int, int]:
+        """The newest sequence of each reporter: what `go_on` needs."""
+        return {address: reporter.window.newest for address, reporter in self.reporters.items()}
+
+    def go_on(self, sequences: Mapping[int, int]) -> None:
+        """After a restart: what reporters had sent until then is not taken again, if somebody kept it."""
+        for address, newest in sequences.items():
+            self.reporters[address] = Reporter(window=Window(newest))
 
     def take(self, datagram: bytes, arrived: float) -> Taken | None:
         """The datagram, decoded, that arrived at `arrived` (s, receiver's clock); None where it is refused."""

@@ -13,8 +13,6 @@ from synchronizar.live.messages import MessageError
 from synchronizar.live.room import Client, Room
 
 HELLO_WITHIN_S = 10.0
-WORDS_A_SECOND = 300
-"""From one connection and each of its devices; twice as many may come at once."""
 
 
 class Link(Protocol):
@@ -33,27 +31,12 @@ class Link(Protocol):
         """End it."""
 
 
-class Budget:
-    """How many words somebody may still say: refilled evenly."""
-
-    def __init__(self, a_second: float, now: float) -> None:
-        self._a_second, self._left, self._at = a_second, 2.0 * a_second, now
-
-    def take(self, now: float) -> bool:
-        """One more; False where there was none left."""
-        self._left = min(2.0 * self._a_second, self._left + self._a_second * (now - self._at)) - 1.0
-        self._at = now
-        if self._left < 0.0:
-            self._left = 0.0
-            return False
-        return True
-
-
 async def serve_link(link: Link, lobby: Lobby) -> None:
     """Serve a connection until it ends."""
     received = link.received()
     try:
-        room, client = await _greeted(received, lobby)
+        with lobby.waiting(link.address):
+            room, client = await _greeted(received, lobby)
     except MessageError as error:
         lobby.refused[error.reason] += 1
         with suppress(ConnectionError):
@@ -91,24 +74,25 @@ async def _greeted(received: AsyncIterator[str | bytes], lobby: Lobby) -> tuple[
 
 
 async def _hear_all(received: AsyncIterator[str | bytes], room: Room, client: Client) -> None:
-    budget = Budget(WORDS_A_SECOND * (1 + len(client.devices)), room.now())
     async for data in received:
         if client.outbox.closed:
             return
         if client.recorded:
             await room.drained()
-        elif not budget.take(room.now()):
-            room.refuse(client, MessageError("rate", f"more than {WORDS_A_SECOND} words a second: say less"))
-            continue
-        if isinstance(data, bytes):
-            room.hear_poses(client, data)
-            continue
-        try:
-            message = m.decode_from_client(data)
-        except MessageError as error:
-            room.refuse(client, error)
-            continue
-        room.hear(client, message)
+        hear_word(room, client, data)
+
+
+def hear_word(room: Room, client: Client, data: str | bytes) -> None:
+    """A word or poses, as they came; what makes no sense is refused."""
+    if not client.recorded and not client.allowance.word(room.now(), len(data)):
+        return room.refuse(client, MessageError("rate", "too many words, or bytes, a second: say less"))
+    if isinstance(data, bytes):
+        return room.hear_poses(client, data)
+    try:
+        message = m.decode_from_client(data)
+    except MessageError as error:
+        return room.refuse(client, error)
+    return room.hear(client, message)
 
 
 async def _send(client: Client, link: Link) -> None:

@@ -26,6 +26,9 @@ KNOWN_S, KNOWN_ROUND_TRIPS, KNOWN_AT_LAST_S = 0.3, 2.0, 1.5
 """s and round trips until the clock of a device that pings is known; s until it is taken for known in any case."""
 ANOTHER_S = 10.0
 """s: no word of somebody who comes again is so late: it is stamped by another clock."""
+ANEW_S, ANEW_WORDS = 1.0, 8
+"""s and words in a row from the future, until the clock is believed to have been set: one such word is a mistake, and
+believed it would make all that follow look old."""
 _AT_FIRST_S = 2.0
 
 
@@ -43,6 +46,7 @@ class DeviceClock:
         self._offset: float | None = None
         self._at = 0.0
         self._again = False
+        self._ahead, self._ahead_since = 0, 0.0
 
     def reconnect(self) -> None:
         """The device comes again, perhaps by another clock."""
@@ -75,9 +79,12 @@ class DeviceClock:
         delay = arrived - stamp
         if self._least and (self._again or arrived - self._at > SILENT_S):
             known = self._least[0][1]
-            another = self._again and delay - known > ANOTHER_S
+            another = self._again and abs(delay - known) > ANOTHER_S
             self._least = deque([] if another else [(arrived + SURE_S - WINDOW_S, known)])
         self._again = False
+        if self._is_future(delay, arrived):
+            assert self._offset is not None
+            return stamp + self._offset
         while self._least and self._least[-1][1] >= delay:
             self._least.pop()
         self._least.append((arrived, delay))
@@ -104,3 +111,14 @@ class DeviceClock:
         if self._lower is None or not 0.0 <= upper - self._lower <= self._round_trip + STEPPED:
             return upper
         return 0.5 * (upper + self._lower)
+
+    def _is_future(self, delay: float, arrived: float) -> bool:
+        """Whether a word comes so long before it was said that it is wrong; where all do, the clock was set."""
+        known = self._began is not None and arrived - self._began >= _AT_FIRST_S
+        if not known or not self._least or self._offset is None or delay > self._offset - self._round_trip - STEPPED:
+            self._ahead = 0
+            return False
+        if self._ahead == 0:
+            self._ahead_since = arrived
+        self._ahead += 1
+        return self._ahead < ANEW_WORDS or arrived - self._ahead_since < ANEW_S

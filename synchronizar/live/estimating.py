@@ -41,6 +41,8 @@ from synchronizar.live.solver_wire import (
     framed,
 )
 
+_MOST_TOLD = 20
+"""Refusals that are told with one answer."""
 _DECIMALS = 9
 """Nanometres, of matrices that go to everybody ten times a second: further digits are half of the bytes."""
 
@@ -67,7 +69,8 @@ class Solving:
         except ValueError as error:
             if isinstance(command, Advance | Save | Finish):
                 raise  # no fault of what was said: a question without an answer would be waited for without end
-            self._refused.append(str(error))
+            if len(self._refused) < _MOST_TOLD:
+                self._refused.append(str(error))
             return None
 
     def close(self) -> None:

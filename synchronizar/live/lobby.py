@@ -4,37 +4,35 @@ from __future__ import annotations
 
 import secrets
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from hashlib import sha256
 
+from synchronizar.live.budget import Tally
 from synchronizar.live.messages import Join, Joined, MessageError
-from synchronizar.live.room import Room, Ticket
+from synchronizar.live.room import TOKEN_S, Room, Ticket
 
 ALPHABET = "ABCDEFGHJKMNPQRSTUVWXYZ23456789"
 """Without those that are taken for one another."""
 CODE_LENGTH = 8
 """Characters: 40 bits, which nobody guesses at the rate that is allowed."""
-TOKEN_S = 60.0
-"""s for which a token may be used, once."""
 MOST_ROOMS = 50
 """In one process: each has a solver of its own."""
 OPENED_A_MINUTE = 5
 """Rooms from one address."""
 TRIES_A_MINUTE = 30
 """Wrong codes from one address; more are refused unread."""
+JOINS_A_MINUTE = 600
+"""Tokens for one address; it may be a gateway's, or a proxy's that does not say for whom it asks."""
+MOST_TOKENS = 5000
+"""Tokens that wait for their hello."""
+MOST_WAITING, MOST_WAITING_FROM_ONE = 512, 128
+"""Connections that have not said hello yet, in all and from one address."""
 
 
 def new_code() -> str:
     """A room's code."""
     return "".join(secrets.choice(ALPHABET) for _ in range(CODE_LENGTH))
-
-
-@dataclass
-class _Bought:
-    room: Room
-    ticket: Ticket
-    until: float
 
 
 class Lobby:
@@ -50,46 +48,50 @@ class Lobby:
         self.webtransport: tuple[int, str] | tuple[()] = ()
         """Port and hash of the certificate, where there is one."""
         self._now = now
-        self._bought: dict[bytes, _Bought] = {}
-        self._wrong: Counter[str] = Counter()
-        self._opened: Counter[str] = Counter()
-        self._minute = 0
+        self._bought: dict[bytes, tuple[Room, Ticket]] = {}
+        self._wrong, self._joined, self._opened = Tally(TRIES_A_MINUTE), Tally(JOINS_A_MINUTE), Tally(OPENED_A_MINUTE)
+        self._waiting: Counter[str] = Counter()
 
     def add(self, room: Room) -> None:
         """One more room."""
         self.rooms[room.code] = room
         self.by_session[room.radio_session] = room
+        room.refused_outside = self.refused
 
-    def room(self, code: str) -> Room:
-        """The room with a code, however it is written. Raises MessageError where there is none."""
+    def room(self, code: str, address: str) -> Room:
+        """The room with a code, however it is written. Raises MessageError where there is none, or too many tries."""
+        now = self._now()
+        if self._wrong.full(address, now):
+            raise MessageError("tries", "too many wrong codes: wait a minute")
         room = self.rooms.get(code.strip().upper().replace("-", "").replace(" ", ""))
         if room is None:
+            self._wrong.count(address)
             raise MessageError("room", "there is no room with that code: look at the room's page for it")
         return room
 
     def join(self, join: Join, address: str) -> Joined:
         """Sell a token. Raises MessageError where the code is wrong, or the room does not take these devices."""
-        self._begin_minute()
-        if self._wrong[address] >= TRIES_A_MINUTE:
-            raise MessageError("tries", "too many wrong codes: wait a minute")
-        try:
-            room = self.room(join.room)
-        except MessageError:
-            self._wrong[address] += 1
-            raise
-        ticket, owner = room.admit(join)
-        now = self._now()
-        self._bought = {digest: bought for digest, bought in self._bought.items() if bought.until >= now}
+        room, now = self.room(join.room, address), self._now()
+        if self._joined.full(address, now):
+            raise MessageError("tries", "too many joined from here: wait a minute")
+        self._joined.count(address)
+        self._bought = {digest: bought for digest, bought in self._bought.items() if bought[1].until >= now}
+        if len(self._bought) >= MOST_TOKENS:
+            raise MessageError("full", "too many are joining: wait a minute")
+        ticket, secret = room.admit(join)
         token = secrets.token_urlsafe(24)
-        self._bought[_digest(token)] = _Bought(room, ticket, now + TOKEN_S)
-        return Joined(token, TOKEN_S, owner, room.code, ticket.users, *self.webtransport)
+        self._bought[_digest(token)] = room, ticket
+        return Joined(token, TOKEN_S, secret, room.code, ticket.users, *self.webtransport)
 
-    def may_open(self, address: str) -> None:
-        """Count a room that somebody opens. Raises MessageError where there are too many."""
-        self._begin_minute()
-        self._opened[address] += 1
-        if self._opened[address] > OPENED_A_MINUTE:
+    def may_open(self, code: str, address: str) -> None:
+        """Count a room that somebody who is in one opens. Raises MessageError where it may not, or there are too many.
+
+        `code`: of a room of this server, so that no stranger opens any.
+        """
+        self.room(code, address)
+        if self._opened.full(address, self._now()):
             raise MessageError("tries", "too many rooms were opened from here: wait a minute")
+        self._opened.count(address)
         if len(self.rooms) >= MOST_ROOMS:
             raise MessageError("full", f"this server has its {MOST_ROOMS} rooms: use another one")
 
@@ -97,19 +99,27 @@ class Lobby:
         """Nobody can join it any more."""
         self.rooms.pop(room.code, None)
         self.by_session.pop(room.radio_session, None)
+        self._bought = {digest: bought for digest, bought in self._bought.items() if bought[0] is not room}
 
-    def _begin_minute(self) -> None:
-        if (minute := int(self._now() // 60.0)) != self._minute:
-            self._minute = minute
-            self._wrong.clear()
-            self._opened.clear()
+    @contextmanager
+    def waiting(self, address: str) -> Iterator[None]:
+        """While a connection has not said hello. Raises MessageError where too many have not."""
+        if self._waiting.total() >= MOST_WAITING or self._waiting[address] >= MOST_WAITING_FROM_ONE:
+            raise MessageError("waiting", "too many connections have not said hello: try again in some seconds")
+        self._waiting[address] += 1
+        try:
+            yield
+        finally:
+            self._waiting[address] -= 1
+            if not self._waiting[address]:
+                del self._waiting[address]
 
     def redeem(self, token: str) -> tuple[Room, Ticket]:
         """What a token has bought. Raises MessageError where it is none, was used, or is too old."""
         bought = self._bought.pop(_digest(token), None)
-        if bought is None or bought.until < self._now():
+        if bought is None or bought[1].until < self._now():
             raise MessageError("token", "this token is none, or was used, or is too old: join again")
-        return bought.room, bought.ticket
+        return bought
 
 
 def _digest(token: str) -> bytes:

@@ -68,7 +68,8 @@ class Join(_Message):
     time: Literal["live", "recorded"] = "live"
     """`recorded`: stamps are those of a recording, and the room's time is what this client's `clock` says."""
     resume: str | None = None
-    """The `resume` of an earlier answer, to be the same devices again after a reload or another network."""
+    """The `resume` of an earlier answer, to be the same devices again after a reload or in another network.
+    One that the room does not know opens nothing, and is answered by a new one."""
 
 
 class Joined(_Message):
@@ -166,7 +167,7 @@ class Module(_Message, tag="module"):
     user: str
     """The device, one of the sender's."""
     address: int
-    """0 to 65533: the module's own in the session, and no other device's."""
+    """0 to 65533: the module's own in the session. One that another device has had is refused: somebody has its key."""
 
 
 class Clock(_Message, tag="clock"):
@@ -580,9 +581,14 @@ def _checked(decoder: msgspec.json.Decoder[_T], data: bytes | str) -> _T:
         raise MessageError("malformed", f"not a JSON object of the protocol: {error}") from None
 
 
+def data_size(data: Any) -> int:
+    """Bytes of an application's data as JSON."""
+    return len(_encoder.encode(data))
+
+
 def data_too_large(data: Any) -> bool:
     """Whether an application's data has more than LARGEST_DATA bytes as JSON."""
-    return len(_encoder.encode(data)) > LARGEST_DATA
+    return data_size(data) > LARGEST_DATA
 
 
 def all_finite(*numbers: float) -> bool:

@@ -18,12 +18,14 @@ from synchronizar.live.messages import (
     Quaternion,
     Vector,
     all_finite,
-    data_too_large,
+    data_size,
 )
 
 LEASE_S = 5.0
 """s: who holds an object and says nothing for so long, holds it no more (a heartbeat comes every 2 s)."""
 MOST_OBJECTS = 2000
+MOST_DATA = 4 * 1024 * 1024
+"""Bytes of all objects' data together, as JSON: who comes is told all of it."""
 _MOST_COORDINATE = 1e7
 
 Placed = Callable[[str, Vector, Quaternion], tuple[Vector, Quaternion] | None]
@@ -40,11 +42,14 @@ class ObjectStore:
         self._leases: dict[str, float] = {}
         self._changed: dict[str, None] = {}
         self._removed: list[str] = []
+        self._sizes: dict[str, int] = {}
+        """Bytes of each object's data."""
         self._saved = saved
 
     def restore(self, objects: list[Object]) -> None:
         """As they stood before; nobody holds any."""
         self.objects = {o.id: msgspec.structs.replace(o, holder=None, velocity=None) for o in objects}
+        self._sizes = {o.id: data_size(o.data) for o in objects}
 
     def snapshot(self) -> Objects:
         """All that are placed."""
@@ -54,13 +59,13 @@ class ObjectStore:
         """A new one. Raises MessageError where it cannot be."""
         _check_id(message.id)
         _check_place(message.position, message.quat_xyzw)
-        _check_data(message.data)
         if len(message.kind) > LONGEST_NAME:
             raise MessageError("object", f"an object's kind has at most {LONGEST_NAME} characters")
         if message.id in self.objects:
             raise MessageError("object", f"there is an object {message.id!r} already: choose another id")
         if len(self.objects) >= MOST_OBJECTS:
             raise MessageError("object", f"there are {MOST_OBJECTS} objects already: remove some first")
+        self._keep_data(message.id, message.data)
         position, quat, waits = message.position, message.quat_xyzw, None
         if message.user is not None:
             place = placed(message.user, position, quat)
@@ -104,7 +109,7 @@ class ObjectStore:
         if message.velocity is not None:
             _check_place(message.velocity, quat)
         if message.data is not msgspec.UNSET:
-            _check_data(message.data)
+            self._keep_data(message.id, message.data)
             found.data = message.data
         found.position, found.quat_xyzw, found.velocity, found.t = position, quat, message.velocity, now
         self._leases[message.id] = now + LEASE_S
@@ -120,7 +125,7 @@ class ObjectStore:
     def remove(self, id_: str, by: str) -> None:
         """It is gone. Raises MessageError where somebody else holds it."""
         self._free(id_, by)
-        del self.objects[id_]
+        del self.objects[id_], self._sizes[id_]
         self._leases.pop(id_, None)
         self._changed.pop(id_, None)
         self._removed.append(id_)
@@ -145,6 +150,15 @@ class ObjectStore:
         out = Objects(self.version, [o for o in changed if o.waits_for is None], self._removed)
         self._changed, self._removed = {}, []
         return out if out.changed or out.removed else None
+
+    def _keep_data(self, id_: str, data: Any) -> None:
+        """Count an object's data. Raises MessageError where it is too much."""
+        size = data_size(data)
+        if size > LARGEST_DATA:
+            raise MessageError("size", f"data has at most {LARGEST_DATA} bytes as JSON")
+        if sum(self._sizes.values()) - self._sizes.get(id_, 0) + size > MOST_DATA:
+            raise MessageError("size", f"all objects' data have at most {MOST_DATA} bytes: remove some first")
+        self._sizes[id_] = size
 
     def _known(self, id_: str) -> Object:
         if id_ not in self.objects:
@@ -183,8 +197,3 @@ def _check_place(position: Vector, quat_xyzw: Quaternion) -> None:
         raise MessageError("value", "a place is three numbers in m and a quaternion x y z w")
     if not 1e-6 < sum(q * q for q in quat_xyzw) < 1e6:
         raise MessageError("value", "a quaternion is not zero: 0 0 0 1 is no turn")
-
-
-def _check_data(data: Any) -> None:
-    if data_too_large(data):
-        raise MessageError("size", f"data has at most {LARGEST_DATA} bytes as JSON")

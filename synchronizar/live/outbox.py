@@ -7,6 +7,8 @@ from collections import deque
 
 MOST_WORDS = 2000
 """Words that wait at most; a client that takes none of them any more is let go."""
+MOST_BYTES = 8 * 1024 * 1024
+"""Bytes of them at most; all objects of a room are less."""
 
 
 class Outbox:
@@ -16,14 +18,16 @@ class Outbox:
         self.overflowed = False
         self.closed = False
         self._words: deque[bytes] = deque()
+        self._bytes = 0
         self._latest: dict[str, bytes] = {}
         self._something = asyncio.Event()
 
     def put(self, word: bytes) -> None:
         """A word that must arrive."""
-        if len(self._words) >= MOST_WORDS:
+        if len(self._words) >= MOST_WORDS or self._bytes + len(word) > MOST_BYTES:
             self.overflowed = True
         else:
+            self._bytes += len(word)
             self._words.append(word)
         self._something.set()
 
@@ -46,6 +50,7 @@ class Outbox:
         """All that waits."""
         words = [*self._words, *self._latest.values()]
         self._words.clear()
+        self._bytes = 0
         self._latest.clear()
         self._something.clear()
         return words

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -29,7 +29,6 @@ def recorded_name(user: str, session: int) -> str:
 
 @dataclass
 class _File:
-    handle: IO[str]
     size: int
     """Bytes that are written or wait to be."""
     lines: list[str] = field(default_factory=list)
@@ -39,13 +38,17 @@ class _File:
 class Gathered(NamedTuple):
     """What is to be written; nothing else changes it any more."""
 
-    lines: list[tuple[IO[str], str]]
+    texts: dict[str, bytes]
+    """By the file's name."""
     users: list[User] | None
     """All of recording.toml, where that is another one."""
 
 
 class FolderRecorder:
-    """One room's folder. Lines are gathered; `flush` writes them, or `gather` and `write` where nobody may wait."""
+    """One room's folder. Lines are gathered; `flush` writes them, or `gather` and `write` where nobody may wait.
+
+    No file stays open, of however many frames devices have tracks.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError where the folder cannot be written."""
@@ -56,10 +59,10 @@ class FolderRecorder:
         self._settings_changed = False
         with os_faults(folder):
             (folder / "tracks").mkdir(parents=True, exist_ok=True)
-            for track in (folder / "tracks").glob("*.tum"):
-                self._open(f"tracks/{track.name}")
-            ranges = self._open("ranges.csv")
-        if ranges.size == 0:
+            (folder / "ranges.csv").touch()
+            for path in (folder / "ranges.csv", *(folder / "tracks").glob("*.tum")):
+                self._files[path.relative_to(folder).as_posix()] = _File(_end_line(path))
+        if self._files["ranges.csv"].size == 0:
             self._write("ranges.csv", ",".join(REQUIRED + OPTIONAL) + "\n")
 
     def user(self, settings: m.UserSettings, session: int) -> None:
@@ -99,21 +102,23 @@ class FolderRecorder:
         if self._settings_changed:
             self._settings_changed = False
             users = [user for name, user in self._users.items() if self._is_there(name)]
-        waiting = [(file.handle, "".join(file.lines)) for file in self._files.values() if file.lines]
+        texts = {name: "".join(file.lines).encode() for name, file in self._files.items() if file.lines}
         for file in self._files.values():
             file.lines.clear()
-        return Gathered(waiting, users)
+        return Gathered(texts, users)
 
     def write(self, gathered: Gathered) -> None:
         """Write it, all of it before any is waited for to be on disk. Raises InputError where that is full or gone."""
-        with os_faults(self.folder):
-            for handle, text in gathered.lines:
-                handle.write(text)
-                handle.flush()
+        with os_faults(self.folder), ExitStack() as stack:
+            written = []
+            for name, text in gathered.texts.items():
+                written.append(stack.enter_context((self.folder / name).open("ab")))
+                written[-1].write(text)
+                written[-1].flush()
             if gathered.users is not None:
                 write_recording_toml(self.folder / "recording.toml", gathered.users)
-            for handle, _ in gathered.lines:
-                os.fsync(handle.fileno())
+            for file in written:
+                os.fsync(file.fileno())
 
     def note(self, name: str, value: Any) -> None:
         """A small file beside the recording, replaced as a whole."""
@@ -126,12 +131,9 @@ class FolderRecorder:
             half.replace(self.folder / name)
 
     def close(self) -> None:
-        """All on disk, and no file open."""
+        """All on disk."""
         with suppress(InputError):
             self.flush()
-        for file in self._files.values():
-            file.handle.close()
-        self._files.clear()
 
     def _written_as(self, user: str, session: int) -> str | None:
         """Its name in ranges.csv; None while a recording cannot have it."""
@@ -144,26 +146,22 @@ class FolderRecorder:
         user = self._users.get(name)
         return (user is not None and user.static) or f"tracks/{name}.tum" in self._files
 
-    def _open(self, name: str) -> _File:
-        if name not in self._files:
-            self._settings_changed = True
-            handle = (self.folder / name).open("a", encoding="utf-8", newline="")
-            _end_line(self.folder / name, handle)
-            self._files[name] = _File(handle, handle.tell())
-        return self._files[name]
-
     def _write(self, name: str, line: str) -> None:
-        file = self._open(name)
+        if name not in self._files:
+            self._files[name] = _File(0)
+            self._settings_changed = True
+        file = self._files[name]
         file.lines.append(line)
         file.size += len(line.encode())
 
 
-def _end_line(path: Path, handle: IO[str]) -> None:
-    """Whoever was killed while it wrote left half a line: it is cut off."""
+def _end_line(path: Path) -> int:
+    """Whoever was killed while it wrote left half a line: it is cut off. Returns the bytes that stay."""
     data = path.read_bytes()
-    if data and not data.endswith(b"\n"):
-        handle.truncate(data.rfind(b"\n") + 1)
-        handle.seek(0, os.SEEK_END)
+    whole = data.rfind(b"\n") + 1
+    if whole < len(data):
+        os.truncate(path, whole)
+    return whole
 
 
 def _quoted(name: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2s, sha256
 from typing import Any, Protocol
@@ -14,8 +14,9 @@ import numpy as np
 from synchronizar.geometry import YawFrame
 from synchronizar.io.datagrams import OrderDatagram, RangesDatagram, RoomKeys, encode_order
 from synchronizar.io.receiver import Receiver
-from synchronizar.io.text import is_name
 from synchronizar.live import messages as m
+from synchronizar.live.budget import MEASURED_A_SECOND, Allowance, Budget
+from synchronizar.live.checks import alike, check_distance, check_range, check_settings, check_stamp, is_taken
 from synchronizar.live.device_clock import DeviceClock
 from synchronizar.live.messages import MessageError
 from synchronizar.live.module_ranges import measured_ranges
@@ -24,6 +25,7 @@ from synchronizar.live.outbox import Outbox
 from synchronizar.live.peer_placing import placed, told_frame
 from synchronizar.live.placing import AT_ITS_ORIGIN, OwnPose, Placing, Shown
 from synchronizar.live.pose_wire import PoseUp, decode_poses_up, encode_rows_down
+from synchronizar.live.recorder import recorded_name
 from synchronizar.live.roster import KnownDevice, Roster
 from synchronizar.live.sleeping import Sleeping, Standing, standing_of
 from synchronizar.live.solver import Solver
@@ -44,9 +46,17 @@ TOO_OLD = 10.0
 """s: a pose or range that is older is refused."""
 AWAY_AFTER = 300.0
 """s: who has been away for so long is left out of what is told."""
+TOKEN_S = 60.0
+"""s for which a token may be used, once, and for which its devices' names are kept for it."""
 MOST_DEVICES = 64
 MOST_HELD = 512
 """Poses of a device, and ranges of a room, that wait until a device's clock is known."""
+MOST_SPECTATORS = 128
+MOST_ADDRESSES_OF_ONE = 8
+"""Addresses that one device's module may have had."""
+RESETS_A_SECOND, RESETS_AT_ONCE = 0.2, 20.0
+"""Of one device: each new frame is a new user of the recording and of the solver."""
+LONGEST_ROUND_TRIP = 60.0
 _CHANGED_M, _CHANGED_RAD = 1e-3, 2e-4
 _LAST_ADDRESS = 0xFFFD
 
@@ -101,6 +111,7 @@ class Device:
     round_trip: float | None = None
     refused: Counter[str] = field(default_factory=Counter)
     left_at: float | None = None
+    resets: Budget | None = None
 
     @property
     def name(self) -> str:
@@ -119,6 +130,7 @@ class Client:
 
     devices: list[Device]
     recorded: bool
+    allowance: Allowance
     outbox: Outbox = field(default_factory=Outbox)
     told: Counter[str] = field(default_factory=Counter)
     peer: Peer | None = None
@@ -129,12 +141,20 @@ class Client:
         return self.devices[0].name if self.devices else ""
 
 
-@dataclass
+@dataclass(eq=False)
 class Ticket:
     """What a join has bought."""
 
-    users: list[str]
+    settings: list[m.UserSettings]
+    owner: str
+    """Hash of the secret by which they come again."""
     recorded: bool
+    until: float
+
+    @property
+    def users(self) -> list[str]:
+        """Names of the devices."""
+        return [user.name for user in self.settings]
 
 
 class Room:
@@ -167,10 +187,14 @@ class Room:
         self.clients: set[Client] = set()
         self.modules: dict[int, str] = {}
         """Whose module has which address."""
+        self.given: dict[int, str] = {}
+        """Whose module ever had which: its key is known there, and so the address is nobody else's any more."""
         self.roster_version = 0
         """Rises when `roster` is another one."""
         self.refused: Counter[str] = Counter()
         """Of what could not be told to be anybody's."""
+        self.refused_outside: Counter[str] = Counter()
+        """The same, of the server: what came without a room."""
         self.recorded: bool | None = None
         """Whether time is a recording's; None until a device comes."""
         self.recorded_t: float | None = None
@@ -192,54 +216,73 @@ class Room:
         self._empty_since = now()
         self._sequence = 0
         self._finishing: list[Client] = []
+        self._tickets: list[Ticket] = []
+        """Of those who have not come yet."""
+        self._module_budgets: dict[int, Budget] = {}
 
     def roster(self) -> Roster:
         """What has to be remembered to open it again."""
         devices = [KnownDevice(d.settings, d.owner, d.frame, d.session) for d in self.devices.values()]
-        return Roster(self.code, self.key.hex(), devices, dict(self.modules))
+        modules, given, sequences = dict(self.modules), dict(self.given), self.receiver.sequences()
+        return Roster(self.code, self.key.hex(), devices, modules, given, sequences)
 
     def restore(self, roster: Roster) -> None:
         """Its devices as they were; all of them are away."""
+        names = {alike(known.settings.name) for known in roster.devices}
         for known in roster.devices:
             device = Device(known.settings, len(self.devices), known.owner, known.frame, known.session)
             device.left_at = self.now()
             self.devices[device.name] = device
             if self._recorder is not None:
                 for session in range(known.session + 1):
-                    self._recorder.user(known.settings, session)
-        self.modules = dict(roster.modules)
+                    if session == 0 or alike(recorded_name(device.name, session)) not in names:
+                        self._recorder.user(known.settings, session)
+        self.modules, self.given = dict(roster.modules), roster.modules | roster.given
+        self.receiver.go_on(roster.sequences)
 
     # Coming and going
 
     def admit(self, join: m.Join) -> tuple[Ticket, str]:
-        """Who may come in as whom, and the secret to come again. Raises MessageError with a way on."""
-        recorded = join.time == "recorded"
-        if join.users and self.recorded not in (None, recorded):
-            kind = "a recording" if self.recorded else "people who walk now"
-            raise MessageError("time", f"this room plays {kind}: open another room")
-        secret = join.resume or secrets.token_urlsafe(24)
-        owner = sha256(secret.encode()).hexdigest()
-        names = [user.name for user in join.users]
-        if len(set(names)) != len(names):
+        """Who may come in as whom, and the secret to come again. Raises MessageError with a way on.
+
+        Names are kept for them for as long as the ticket holds; the room changes when they come.
+        """
+        now, recorded = self.now(), join.time == "recorded" and bool(join.users)
+        self._tickets = [ticket for ticket in self._tickets if ticket.until >= now]
+        owners = {device.name: device.owner for device in self.devices.values()}
+        owners |= {name: ticket.owner for ticket in self._tickets for name in ticket.users}
+        secret, owner = join.resume or "", _owner(join.resume or "")
+        if owner not in owners.values():  # a secret that is not of this room's making may be easy to guess
+            secret = secrets.token_urlsafe(24)
+            owner = _owner(secret)
+        ticket = Ticket(join.users, owner, recorded, now + TOKEN_S)
+        self._check_time(ticket)
+        if len({alike(name) for name in ticket.users}) != len(ticket.users):
             raise MessageError("name", "two devices of one connection have the same name")
         for user in join.users:
-            self._check_settings(user, owner)
-        if len(self.devices.keys() | set(names)) > MOST_DEVICES:
+            check_settings(user)
+            self._check_name(user.name, owner, owners)
+        if len(owners.keys() | set(ticket.users)) > MOST_DEVICES:
             raise MessageError("full", f"the room has its {MOST_DEVICES} devices: open another room")
-        if join.users and self.recorded is None:
-            self.recorded = recorded
-            if self.begun is not None:
-                self.begun(recorded)
-        for user in join.users:
-            if user.name not in self.devices:
-                self.devices[user.name] = Device(user, len(self.devices), owner)
-                self._feed_user(self.devices[user.name])
-        return Ticket(names, recorded), secret
+        self._tickets.append(ticket)
+        return ticket, secret
 
     def connect(self, ticket: Ticket) -> Client:
-        """Its connection stands: it is told everything as it is now."""
+        """Its connection stands: it is told everything as it is now. Raises MessageError where it cannot come in."""
+        self._check_time(ticket)
+        if not ticket.settings and sum(not client.devices for client in self.clients) >= MOST_SPECTATORS:
+            raise MessageError("full", f"{MOST_SPECTATORS} look already: come later")
+        self._tickets = [other for other in self._tickets if other is not ticket]
+        if ticket.settings and self.recorded is None:
+            self.recorded = ticket.recorded
+            if self.begun is not None:
+                self.begun(ticket.recorded)
+        for user in ticket.settings:
+            if user.name not in self.devices:
+                self.devices[user.name] = Device(user, len(self.devices), ticket.owner)
+                self._feed_user(self.devices[user.name])
         devices = [self.devices[name] for name in ticket.users]
-        client = Client(devices, ticket.recorded)
+        client = Client(devices, ticket.recorded, Allowance(len(devices), self.now()))
         for device in devices:
             if (earlier := device.client) is not None:
                 self.disconnect(earlier)
@@ -300,6 +343,8 @@ class Room:
         except MessageError as error:
             return self.refuse(client, error)
         arrived = self.now()
+        if not client.recorded and not client.allowance.measured(arrived, len(poses)):
+            return self.refuse(client, _too_many())
         for pose in poses:
             try:
                 if pose.user >= len(client.devices):
@@ -311,14 +356,25 @@ class Room:
 
     def hear_datagram(self, data: bytes, arrived: float) -> RangesDatagram | None:
         """A datagram of a module that arrived at `arrived` (s, room's clock); None where it is refused."""
+        if self.recorded:
+            self.refused["datagram time"] += 1  # modules range now, and the room is at a recording's time
+            return None
         taken = self.receiver.take(data, arrived)
         if taken is None:
+            return None
+        if not self._budget_of(taken.datagram.reporter).take(arrived, 1 + len(taken.datagram.ranges)):
+            self.refused["datagram rate"] += 1
             return None
         for stamped in taken.stamped:
             for measured in measured_ranges(stamped):
                 a, b = self.modules.get(measured.reporter), self.modules.get(measured.peer)
-                if a is None or b is None:
-                    self.refused["peer"] += 1
+                try:
+                    if a is None or b is None:
+                        raise MessageError("peer", "nobody's module has that address")
+                    self._check_moment(a, measured.t, arrived)
+                    check_distance(measured.distance)
+                except MessageError as error:
+                    self.refused[f"datagram {error.reason}"] += 1
                 else:
                     self._take_range(measured.t, a, b, measured.distance, self._with_antennas(a, b, measured.optional))
         return taken.datagram
@@ -418,7 +474,11 @@ class Room:
             for device in self.devices.values()
         }
         pairs = [m.PairRange(r.a, r.b, r.distance, r.residual, r.used, max(0.0, t - r.t)) for r in self._ranges]
-        refused = self.refused + Counter({f"datagram {reason}": n for reason, n in self.receiver.refused.items()})
+        refused = (
+            self.refused
+            + self.refused_outside
+            + Counter({f"datagram {reason}": n for reason, n in self.receiver.refused.items()})
+        )
         behind = float(max(0.0, t - max(self._told_at, t - 3600.0)))
         return m.Status(t, users, pairs, dict(refused), behind, None if self.lag is None else self.lag())
 
@@ -433,13 +493,16 @@ class Room:
             case m.Reset():
                 self._reset(client, message)
             case m.Lost():
-                self._feed(Lost(self._own(client, message.user).name))
+                self._feed(Lost(self._moving(client, message.user).name))
             case m.Module():
                 self._module(client, message)
             case m.Clock():
                 self._clock(client, message)
             case m.Finish():
                 self._need_recorded(client)
+                check_stamp(message.t)
+                if client in self._finishing:
+                    raise MessageError("time", "the answer is under way")
                 self._finishing.append(client)
                 if self.solver is not None:
                     self.solver.finish(message.t)
@@ -467,6 +530,11 @@ class Room:
                 raise MessageError("hello", "hello is said once")
 
     def _ping(self, client: Client, message: m.Ping) -> None:
+        check_stamp(message.t)
+        if message.offset is not None:
+            check_stamp(message.offset)
+        if message.round_trip is not None and not 0.0 <= message.round_trip < LONGEST_ROUND_TRIP:
+            raise MessageError("value", "a round trip is a positive number of s")
         arrived = self.now()
         for device in client.devices:
             device.round_trip = message.round_trip
@@ -482,33 +550,49 @@ class Room:
     def _ranges_of(self, client: Client, message: m.Ranges) -> None:
         if len(message.ranges) > m.MOST_RANGES:
             raise MessageError("size", f"a message has at most {m.MOST_RANGES} ranges")
-        arrived, own = self.now(), {device.name: device for device in client.devices}
+        arrived = self.now()
+        if not client.recorded and not client.allowance.measured(arrived, len(message.ranges)):
+            raise _too_many()
         for measured in message.ranges:
-            reporter = own.get(measured.a) or own.get(measured.b)
-            if reporter is None:
-                raise MessageError("user", "a client reports the ranges of its own devices only")
-            if measured.a == measured.b:
-                raise MessageError("value", f"{measured.a}: a range to itself")
-            for name in (measured.a, measured.b):
-                if name not in self.devices:
-                    raise MessageError("user", f"there is nobody called {name!r} in the room")
-            t = measured.t if client.recorded else self._room_time(reporter, measured.t, arrived)
-            optional = {
-                name: getattr(measured, name)
-                for name in ("sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos", "source")
-                if getattr(measured, name) is not None
-            }
-            if "nlos" in optional:
-                optional["nlos"] = float(optional["nlos"])
-            self._take_range(t, measured.a, measured.b, measured.distance, optional)
+            try:
+                self._take_measured(client, measured, arrived)
+            except MessageError as error:
+                self.refuse(client, error)
+
+    def _take_measured(self, client: Client, measured: m.MeasuredRange, arrived: float) -> None:
+        reporter = next((device for device in client.devices if device.name in (measured.a, measured.b)), None)
+        if reporter is None:
+            raise MessageError("user", "a client reports the ranges of its own devices only")
+        if measured.a == measured.b:
+            raise MessageError("value", f"{measured.a}: a range to itself")
+        for name in (measured.a, measured.b):
+            if name not in self.devices:
+                raise MessageError("user", f"there is nobody called {name[: m.LONGEST_NAME]!r} in the room")
+        check_range(measured, (self._antennas(measured.a), self._antennas(measured.b)))
+        if not client.recorded:  # a recording has what it has, and the solver judges it as `register` does
+            check_distance(measured.distance)
+        t = measured.t if client.recorded else self._room_time(reporter, measured.t, arrived)
+        optional = {
+            name: getattr(measured, name)
+            for name in ("sigma", "antenna_a", "antenna_b", "rx_power", "fp_power", "nlos", "source")
+            if getattr(measured, name) is not None
+        }
+        if "nlos" in optional:
+            optional["nlos"] = float(optional["nlos"])
+        self._take_range(t, measured.a, measured.b, measured.distance, optional)
 
     def _reset(self, client: Client, message: m.Reset) -> None:
-        device = self._own(client, message.user)
-        if message.frame == device.frame:
+        device, frame = self._moving(client, message.user), message.frame % 256
+        if frame == device.frame:
             raise MessageError("frame", "a new frame has another number than the one before")
-        device.frame, device.pose = message.frame % 256, None
+        device.resets = device.resets or Budget(RESETS_A_SECOND, self.now(), RESETS_AT_ONCE)
+        if not device.resets.take(self.now()):
+            raise MessageError("rate", "too many new frames within a minute: wait")
+        device.frame, device.pose = frame, None
         self._placing = None
         device.session += 1
+        while alike(recorded_name(device.name, device.session)) in self._sessions():
+            device.session += 1
         self._feed(NewFrame(device.name, device.frame))
         if self._recorder is not None:
             self._recorder.user(device.settings, device.session)
@@ -518,17 +602,20 @@ class Room:
         device = self._own(client, message.user)
         if not 0 <= message.address <= _LAST_ADDRESS:
             raise MessageError("address", f"a module's address is 0 to {_LAST_ADDRESS}")
-        owner = self.modules.get(message.address)
+        owner = self.given.get(message.address)
         if owner not in (None, device.name):
             raise MessageError("address", f"address {message.address} is the module of {owner}: give it another one")
+        if owner is None and sum(name == device.name for name in self.given.values()) >= MOST_ADDRESSES_OF_ONE:
+            raise MessageError("address", f"{device.name} has had {MOST_ADDRESSES_OF_ONE} addresses: use one of them")
         self.modules = {a: name for a, name in self.modules.items() if name != device.name}
-        self.modules[message.address] = device.name
+        self.modules[message.address] = self.given[message.address] = device.name
         self.roster_version += 1
         key = self.keys.of(message.address).hex()
         client.outbox.put(m.encode(m.ModuleKey(device.name, message.address, self.radio_session, key, self.udp_port)))
 
     def _clock(self, client: Client, message: m.Clock) -> None:
         self._need_recorded(client)
+        check_stamp(message.t)
         if self.recorded_t is not None and message.t < self.recorded_t:
             raise MessageError("time", "a recording's time goes forwards")
         self.recorded_t = message.t
@@ -542,7 +629,8 @@ class Room:
     def _say(self, client: Client, message: m.Say) -> None:
         if m.data_too_large(message.data):
             raise MessageError("size", f"data has at most {m.LARGEST_DATA} bytes as JSON")
-        said = m.encode(m.Said(message.topic[: m.LONGEST_NAME], message.data, client.name))
+        said = m.encode(m.Said(message.topic[: m.LONGEST_NAME], message.data, self._speaker(client)))
+        self._hand_on(client, said)
         if message.to is None:
             for other in self.clients - {client}:
                 other.outbox.put(said)
@@ -554,8 +642,10 @@ class Room:
             raise MessageError("size", f"a signal has at most {m.LARGEST_DATA} bytes as JSON")
         if message.to == m.ROOM:
             self._signal_to_room(client, message.data)
-        else:
-            self._client_of(message.to).outbox.put(m.encode(m.Signalled(self._speaker(client), message.data)))
+            return
+        signalled = m.encode(m.Signalled(self._speaker(client), message.data))
+        self._hand_on(client, signalled)
+        self._client_of(message.to).outbox.put(signalled)
 
     def _signal_to_room(self, client: Client, data: dict[str, Any]) -> None:
         if self.open_peer is None:
@@ -565,6 +655,10 @@ class Room:
         if client.peer is None:
             client.peer = self.open_peer(self, client)
         client.peer.signalled(data)
+
+    def _hand_on(self, client: Client, word: bytes) -> None:
+        if not client.allowance.handed_on(self.now(), len(word)):
+            raise MessageError("rate", "too much is said to others a second: say less")
 
     def _leave(self, client: Client) -> None:
         client.outbox.put(m.encode(m.Bye("left", "you have left the room")))
@@ -599,11 +693,24 @@ class Room:
 
     def _room_time(self, device: Device, stamp: float, arrived: float) -> float:
         t = device.clock.hear(stamp, arrived)
-        if t > arrived + FROM_THE_FUTURE:
-            raise MessageError("future", f"{device.name}: a stamp {t - arrived:.1f} s ahead of the room's clock")
-        if t < arrived - TOO_OLD:
-            raise MessageError("old", f"{device.name}: a stamp {arrived - t:.1f} s behind the room's clock")
+        self._check_moment(device.name, t, arrived)
         return t
+
+    def _check_moment(self, name: str, t: float, arrived: float) -> None:
+        """Whether something of a device may be of then, by the room's clock; what is no number may not."""
+        if not t <= arrived + FROM_THE_FUTURE:
+            raise MessageError("future", f"{name}: a stamp {t - arrived:.1f} s ahead of the room's clock")
+        if not t >= arrived - TOO_OLD:
+            raise MessageError("old", f"{name}: a stamp {arrived - t:.1f} s behind the room's clock")
+
+    def _budget_of(self, reporter: int) -> Budget:
+        """How much a module may still tell; it has shown that it is that module."""
+        if reporter not in self._module_budgets:
+            self._module_budgets[reporter] = Budget(MEASURED_A_SECOND, self.now())
+        return self._module_budgets[reporter]
+
+    def _antennas(self, name: str) -> Mapping[str, m.Vector]:
+        return self.devices[name].settings.antennas
 
     def _take_range(self, t: float, a: str, b: str, distance: float, optional: dict[str, Any]) -> None:
         if self._waits(a, b) and len(self._held_ranges) < MOST_HELD:
@@ -640,24 +747,37 @@ class Room:
         if self.solver is not None:
             self.solver.feed(command)
 
-    def _check_settings(self, user: m.UserSettings, owner: str) -> None:
-        if not (is_name(user.name) and len(user.name) <= m.LONGEST_NAME):
-            raise MessageError("name", f"{user.name!r} cannot be a name: 1 to {m.LONGEST_NAME} printable characters")
-        if user.name == m.ROOM:
+    def _check_time(self, ticket: Ticket) -> None:
+        if ticket.settings and self.recorded not in (None, ticket.recorded):
+            kind = "a recording" if self.recorded else "people who walk now"
+            raise MessageError("time", f"this room plays {kind}: open another room")
+
+    def _check_name(self, name: str, owner: str, owners: Mapping[str, str]) -> None:
+        """Whether somebody may have it; `owners` of all names that are known or kept."""
+        if name == m.ROOM:
             raise MessageError("name", f"{m.ROOM!r} is the room itself: choose another name")
-        known = self.devices.get(user.name)
-        if known is not None and not secrets.compare_digest(known.owner, owner):
-            raise MessageError("name", f"there is somebody called {user.name!r} already: choose another name")
-        if user.height_sigma is not None and not 0.0 < user.height_sigma < 1e6:
-            raise MessageError("value", "height_sigma is a positive number of m")
-        if user.static and user.antennas:
-            raise MessageError("value", "a device without attitude has no antennas")
+        if name in owners:
+            if not secrets.compare_digest(owners[name], owner):
+                raise MessageError("name", f"there is somebody called {name!r} already: choose another name")
+        elif is_taken(name, self._sessions()):
+            raise MessageError("name", f"{name!r} is too much like a name that is there already: choose another one")
+
+    def _sessions(self) -> dict[str, int]:
+        """How often SLAM began anew, by names as `alike`, of all devices and of those who have not come yet."""
+        coming = {alike(name): 0 for ticket in self._tickets for name in ticket.users}
+        return coming | {alike(device.name): device.session for device in self.devices.values()}
 
     def _own(self, client: Client, name: str) -> Device:
         for device in client.devices:
             if device.name == name:
                 return device
         raise MessageError("user", f"this connection does not speak for {name!r}")
+
+    def _moving(self, client: Client, name: str) -> Device:
+        device = self._own(client, name)
+        if device.settings.static:
+            raise MessageError("static", f"{name} stands still: it has no SLAM")
+        return device
 
     def _speaker(self, client: Client) -> str:
         if not client.devices:
@@ -729,6 +849,14 @@ class Room:
     def _broadcast_latest(self, kind: str, word: bytes) -> None:
         for client in self.clients:
             client.outbox.latest(kind, word)
+
+
+def _owner(secret: str) -> str:
+    return sha256(secret.encode()).hexdigest()
+
+
+def _too_many() -> MessageError:
+    return MessageError("rate", f"more than {MEASURED_A_SECOND} poses and ranges of a device a second: say less")
 
 
 def _own_pose(device: Device, t: float) -> OwnPose | None:

@@ -44,7 +44,7 @@ class RoomHost:
         self._temporary = tempfile.TemporaryDirectory(prefix="synchronizar-") if recorder is None else None
         self._state = (Path(self._temporary.name) if recorder is None else recorder.folder) / STATE_FILE  # type: ignore[union-attr]
         self._offsets: dict[int, dict[str, int]] = {}
-        self._roster_version = -1
+        self._roster_version = -1, 0
         self._tasks: list[asyncio.Task[None]] = []
         self._writing: asyncio.Task[None] | None = None
         self._ended = asyncio.Event()
@@ -126,7 +126,7 @@ class RoomHost:
 
     async def _write(self, recorder: FolderRecorder) -> None:
         """All that came, on disk. It is gathered here and written by a thread."""
-        version = self.room.roster_version
+        version = self.room.roster_version, self.room.receiver.datagrams
         roster = self.room.roster() if version != self._roster_version else None
         await asyncio.to_thread(self._written, recorder, recorder.gather(), roster)
         self._roster_version = version

@@ -34,6 +34,10 @@ class Roster(msgspec.Struct):
     devices: list[KnownDevice]
     modules: dict[int, str]
     """Whose module has which address."""
+    given: dict[int, str] = {}
+    """Whose module ever had which."""
+    sequences: dict[int, int] = {}
+    """The newest sequence of each module's datagrams: older ones are not taken again."""
 
 
 _decoder = msgspec.json.Decoder(Roster)

@@ -12,6 +12,7 @@ import ssl
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +30,7 @@ from synchronizar.live.room import Room
 from synchronizar.live.room_host import RoomClock, RoomHost
 from synchronizar.live.roster import Roster, read_roster
 from synchronizar.live.udp import UdpPort
-from synchronizar.live.web import application
+from synchronizar.live.web import LOOPBACK, Site, runner
 from synchronizar.parameters import SleepParameters
 
 if TYPE_CHECKING:
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 IDLE_S = 3600.0
 """s after which a room without anybody is closed."""
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,7 @@ async def serve(options: ServerOptions, started: Callable[[dict[str, object]], N
     if options.resume and options.record is None:
         raise InputError("--resume", "needs --record DIR: the folder in which the rooms were recorded")
     context = server_context(options.certificate)[0] if options.tls else None
+    _open_many_files()
     server = Server(options, context)
     try:
         started(await server.start())
@@ -104,7 +105,8 @@ class Server:
     async def start(self) -> dict[str, object]:
         """Listen, open a room, and say where. Raises InputError where the port is taken."""
         options = self.options
-        self._runner = web.AppRunner(application(self.lobby, self.join_address, self.open_room), access_log=None)
+        strict = self._context is not None and options.certificate is not None
+        self._runner = runner(Site(self.lobby, self.join_address, self.open_room, options.public_url, strict))
         await self._runner.setup()
         site = web.TCPSite(self._runner, options.host, options.port, ssl_context=self._context)
         try:
@@ -132,7 +134,7 @@ class Server:
         except ModuleNotFoundError:
             return
         self._webtransport = await WebTransportPort.open(
-            self.options.host, port, lambda link: serve_link(link, self.lobby)
+            self.options.host, port, lambda link: serve_link(link, self.lobby), self.options.public_url
         )
         self.lobby.webtransport = self._webtransport.port, self._webtransport.certificate_sha256.hex()
 
@@ -235,6 +237,15 @@ def announce(where: dict[str, object], options: ServerOptions) -> None:
 
         segno.make(str(where["join"]), error="m").terminal(compact=True)
     sys.stdout.flush()
+
+
+def _open_many_files() -> None:
+    """As many as this user may: each connection is one, and some systems begin with 256."""
+    with suppress(ImportError, ValueError, OSError):
+        import resource
+
+        _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
 async def _ended() -> None:

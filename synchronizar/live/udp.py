@@ -19,7 +19,7 @@ class UdpPort:
         """Raises InputError where the port cannot be listened at."""
         self._lobby, self._now = lobby, now
         try:
-            self._socket = DrainedSocket(host, port, self._hear)
+            self._socket = DrainedSocket(host, port, self.hear)
         except OSError as error:
             raise InputError("--udp-port", f"{port} cannot be listened at: {error.strerror}; choose another") from error
 
@@ -32,7 +32,8 @@ class UdpPort:
         """Listen no more."""
         self._socket.close()
 
-    def _hear(self, data: bytes, source: Any) -> None:
+    def hear(self, data: bytes, source: Any) -> None:
+        """A datagram from an address, which may be anybody's and anything."""
         arrived = self._now()
         room = self._room_of(data)
         if room is None:

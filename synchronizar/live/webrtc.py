@@ -11,7 +11,8 @@ from collections.abc import Coroutine
 from typing import Any
 
 from synchronizar.live import messages as m
-from synchronizar.live.connection import WORDS_A_SECOND, Budget
+from synchronizar.live.budget import Budget
+from synchronizar.live.connection import hear_word
 from synchronizar.live.messages import MessageError
 from synchronizar.live.pose_channel import PoseChannel
 from synchronizar.live.room import Client, Room
@@ -54,7 +55,6 @@ class RoomPeer:
     def __init__(self, peers: RoomPeers, room: Room, client: Client) -> None:
         self._peers, self._room, self._client = peers, room, client
         self._offers = Budget(OFFERS_A_SECOND, room.now())
-        self._words = Budget(WORDS_A_SECOND * (1 + len(client.devices)), room.now())
         self._channel: PoseChannel | None = None
         self._closed = False
 
@@ -87,12 +87,8 @@ class RoomPeer:
         self._client.outbox.put(m.encode(m.Signalled(m.ROOM, answer)))
 
     def _hear(self, data: bytes) -> None:
-        if self._closed:
-            return
-        if self._words.take(self._room.now()):
-            self._room.hear_poses(self._client, data)
-        else:
-            self._room.refuse(self._client, MessageError("rate", f"more than {WORDS_A_SECOND} messages a second"))
+        if not self._closed:
+            hear_word(self._room, self._client, data)
 
     def _end_channel(self) -> None:
         if self._channel is not None:

@@ -31,13 +31,17 @@ from synchronizar.errors import InputError
 from synchronizar.live.certificates import make_certificate
 from synchronizar.live.connection import Link
 from synchronizar.live.messages import LARGEST_MESSAGE
+from synchronizar.live.origin import is_own
 from synchronizar.live.pose_wire import parts_of_poses
 
 LARGEST_DATAGRAM = 1100
 """Bytes that fit into one packet on any network, beside what QUIC adds."""
 _DAYS = 13
 _LENGTH = struct.Struct("<I")
-_MOST_WAITING = 1000
+_MOST_WAITING, _MOST_BYTES_WAITING = 1000, 2 * 1024 * 1024
+_MOST_UNSENT = 256 * 1024
+"""Bytes of words that are sent ahead of what the other end has taken; more of them wait in the outbox."""
+_LOOKED_EVERY_S = 0.02
 
 
 class WebTransportPort:
@@ -48,8 +52,13 @@ class WebTransportPort:
         self._server = server
 
     @classmethod
-    async def open(cls, host: str | None, port: int, serve: Callable[[Link], Awaitable[None]]) -> WebTransportPort:
-        """`serve` is given each connection. Raises InputError where the port cannot be listened at."""
+    async def open(
+        cls, host: str | None, port: int, serve: Callable[[Link], Awaitable[None]], public_url: str | None = None
+    ) -> WebTransportPort:
+        """`serve` is given each connection; pages may come from `public_url` besides.
+
+        Raises InputError where the port cannot be listened at.
+        """
         pem, der = make_certificate(_DAYS)
         configuration = QuicConfiguration(is_client=False, alpn_protocols=H3_ALPN, max_datagram_frame_size=65536)
         with tempfile.TemporaryDirectory(prefix="synchronizar-") as folder:
@@ -62,7 +71,9 @@ class WebTransportPort:
                 host or "0.0.0.0",
                 port,
                 configuration=configuration,
-                create_protocol=lambda *args, **settings: _Protocol(*args, serve=serve, **settings),
+                create_protocol=lambda *args, **settings: _Protocol(
+                    *args, serve=serve, public_url=public_url, **settings
+                ),
             )
         except OSError as error:
             raise InputError("--port", f"UDP {port} cannot be listened at: {error.strerror}; choose another") from error
@@ -83,10 +94,12 @@ class _Link:
         self._stream: int | None = None
         self._bytes = bytearray()
         self._came: asyncio.Queue[str | bytes | None] = asyncio.Queue(_MOST_WAITING)
+        self._waiting_bytes = 0
         self._ended = False
 
     async def received(self) -> AsyncIterator[str | bytes]:
         while (word := await self._came.get()) is not None:
+            self._waiting_bytes -= len(word)
             yield word
 
     async def send(self, data: bytes, text: bool) -> None:
@@ -96,6 +109,10 @@ class _Link:
             for part in parts_of_poses(data, LARGEST_DATAGRAM):
                 self._protocol.send_datagram(self._session, part)
         elif self._stream is not None:
+            while self._protocol.unsent(self._stream) > _MOST_UNSENT:
+                await asyncio.sleep(_LOOKED_EVERY_S)
+                if self._ended:
+                    raise ConnectionError("the session has ended")
             self._protocol.send_words(self._stream, _LENGTH.pack(len(data)) + data)
 
     async def close(self) -> None:
@@ -113,7 +130,7 @@ class _Link:
         """Bytes of a stream; the first one that the client opens is that of words, others are not heard."""
         if self._stream is None:
             self._stream = stream
-        if stream != self._stream:
+        if stream != self._stream or self._ended:
             return
         self._bytes += data
         while len(self._bytes) >= _LENGTH.size:
@@ -123,25 +140,33 @@ class _Link:
                 return
             if len(self._bytes) < _LENGTH.size + size:
                 return
-            word = bytes(self._bytes[_LENGTH.size : _LENGTH.size + size])
+            word = bytes(self._bytes[_LENGTH.size : _LENGTH.size + size]).decode("utf-8", "replace")
             del self._bytes[: _LENGTH.size + size]
-            if self._came.full():
+            if not self._take(word):
                 self.end()  # words must not be lost: whoever says so many is let go
                 return
-            self._came.put_nowait(word.decode("utf-8", "replace"))
 
     def hear_datagram(self, data: bytes) -> None:
         """A datagram; lost where too many wait, as on any network."""
-        with suppress(asyncio.QueueFull):
-            self._came.put_nowait(data)
+        self._take(data)
+
+    def _take(self, word: str | bytes) -> bool:
+        """Have it wait; False where too much does."""
+        if self._ended or self._came.full() or self._waiting_bytes > _MOST_BYTES_WAITING:
+            return False
+        self._waiting_bytes += len(word)
+        self._came.put_nowait(word)
+        return True
 
 
 class _Protocol(QuicConnectionProtocol):
     """One connection, with a session or several."""
 
-    def __init__(self, *args: Any, serve: Callable[[Link], Awaitable[None]], **settings: Any) -> None:
+    def __init__(
+        self, *args: Any, serve: Callable[[Link], Awaitable[None]], public_url: str | None, **settings: Any
+    ) -> None:
         super().__init__(*args, **settings)
-        self._serve = serve
+        self._serve, self._public_url = serve, public_url
         self._http: H3Connection | None = None
         self._links: dict[int, _Link] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -169,6 +194,11 @@ class _Protocol(QuicConnectionProtocol):
         self._quic.send_stream_data(stream, data)
         self.transmit()
 
+    def unsent(self, stream: int) -> int:
+        """Bytes on a stream that wait to be sent or to be acknowledged."""
+        open_streams: dict[int, Any] = self._quic._streams
+        return len(open_streams[stream].sender._buffer) if stream in open_streams else 0
+
     def end_session(self, session: int) -> None:
         """The other end sees that it has ended."""
         self._links.pop(session, None)
@@ -191,7 +221,9 @@ class _Protocol(QuicConnectionProtocol):
         assert self._http is not None
         headers = dict(event.headers)
         wanted = headers.get(b":method"), headers.get(b":protocol"), headers.get(b":path")
-        found = wanted == (b"CONNECT", b"webtransport", b"/live")
+        origin = headers[b"origin"].decode("ascii", "replace") if b"origin" in headers else None
+        host = headers.get(b":authority", b"").decode("ascii", "replace")
+        found = wanted == (b"CONNECT", b"webtransport", b"/live") and is_own(origin, host, self._public_url, True)
         status = b"200" if found else b"404"
         answer = [(b":status", status), (b"sec-webtransport-http3-draft", b"draft02")]
         self._http.send_headers(event.stream_id, answer, end_stream=not found)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from support.bad_proxy import bad_proxy
-from support.live_server import serving
+from support.serving import serving
 
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client

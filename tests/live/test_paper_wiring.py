@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("aiortc", reason="the extra `webrtc` is not installed")
 
 from support.air_built import needs_air
-from support.live_server import serving
+from support.serving import serving
 
 from experiments.live.paper_wiring import walk_as_in_the_paper
 from experiments.live.room import Seen, summary

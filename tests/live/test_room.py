@@ -3,112 +3,19 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 import pytest
+from support.house import House, datagram, only, refused, user_frame
 
 from synchronizar.geometry import YawFrame
-from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, decode_order, encode_ranges
+from synchronizar.io.datagrams import decode_order
 from synchronizar.live import messages as m
-from synchronizar.live.lobby import TOKEN_S, TRIES_A_MINUTE, Lobby
+from synchronizar.live.lobby import TRIES_A_MINUTE, Lobby
 from synchronizar.live.messages import MessageError
-from synchronizar.live.pose_wire import PosesDown, PoseUp, decode_poses_down, encode_poses_up
-from synchronizar.live.room import Client, Room
-from synchronizar.live.solver_wire import Command, Lost, NewestRange, NewFrame, Pose, Range, Told
-
-NO_TURN = (0.0, 0.0, 0.0, 1.0)
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.t = 1000.0
-
-    def __call__(self) -> float:
-        return self.t
-
-
-class FakeSolver:
-    """Remembers what it is told."""
-
-    def __init__(self) -> None:
-        self.commands: list[Command] = []
-        self.asked: list[float] = []
-        self.finished_at: list[float] = []
-
-    def feed(self, command: Command) -> None:
-        self.commands.append(command)
-
-    def advance(self, t: float) -> None:
-        self.asked.append(t)
-
-    def finish(self, t: float) -> None:
-        self.finished_at.append(t)
-
-    async def drained(self) -> None:
-        pass
-
-    def of(self, kind: type) -> list[Any]:
-        return [command for command in self.commands if isinstance(command, kind)]
-
-
-class House:
-    """A room with its clock and solver."""
-
-    def __init__(self) -> None:
-        self.clock = Clock()
-        self.room = Room("CODE", self.clock, key=bytes(32))
-        self.solver = FakeSolver()
-        self.room.solver = self.solver
-
-    def enter(self, *names: str, up: str = "z", time: str = "live", resume: str | None = None) -> tuple[Client, str]:
-        users = [m.UserSettings(name, up=up) for name in names]  # type: ignore[arg-type]
-        ticket, secret = self.room.admit(m.Join("CODE", users, time, resume))  # type: ignore[arg-type]
-        return self.room.connect(ticket), secret
-
-    def told(self, **frames: YawFrame) -> None:
-        """The solver has registered these users."""
-        users = {name: user_frame(frame) for name, frame in frames.items()}
-        t = self.clock.t
-        self.room.told(Told(t, 1, min(frames), users, [], [NewestRange(t, "alice", "bob", 3.0, 0.1, True)], 0.01))
-
-    def said_to(self, client: Client) -> list[m.FromRoom | PosesDown]:
-        return [
-            m.decode_from_room(word) if word[:1] == b"{" else decode_poses_down(word) for word in client.outbox.take()
-        ]
-
-    def pose(self, client: Client, x: float, t: float | None = None, frame: int = 0, user: int = 0) -> None:
-        stamp = self.clock.t if t is None else t
-        self.room.hear_poses(client, encode_poses_up([PoseUp(user, frame, 1, stamp, (x, 0.0, 0.0), NO_TURN)]))
-
-
-def user_frame(frame: YawFrame, state: str = "registered", number: int = 0) -> m.UserFrame:
-    return m.UserFrame(
-        state=state,  # type: ignore[arg-type]
-        reason="",
-        frame=number,
-        matrix=frame.matrix.tolist(),
-        x=frame.x,
-        y=frame.y,
-        z=frame.z,
-        yaw=frame.yaw,
-        scale=frame.scale,
-        covariance=None,
-        sigma=0.05,
-        clock_offset=0.0,
-        progress=1.0,
-        cue=None,
-    )
-
-
-def only(kind: type, words: list[Any]) -> Any:
-    found = [word for word in words if isinstance(word, kind)]
-    assert len(found) == 1, found
-    return found[0]
-
-
-def refused(words: list[Any]) -> dict[str, str]:
-    return {word.reason: word.what for word in words if isinstance(word, m.Refused)}
+from synchronizar.live.pose_wire import PosesDown, PoseUp, encode_poses_up
+from synchronizar.live.room import TOKEN_S
+from synchronizar.live.solver_wire import Lost, NewFrame, Pose, Range, Told
 
 
 def test_who_comes_is_told_everything_and_the_others_are_told_of_it() -> None:
@@ -268,12 +175,6 @@ def test_a_modules_key_is_its_own() -> None:
     assert own.session == other.session
 
 
-def datagram(house: House, address: int, peer: int, sequence: int, t: float, mm: int, key: bytes) -> bytes:
-    row = (peer, 0, MEASURED, mm, 0, 0, 50, -8000, -8100, 0, 0)
-    told = RangesDatagram(house.room.radio_session, address, sequence, 9, round(1e9 * t), 0, np.array([row], RANGE))
-    return encode_ranges(told, key)
-
-
 def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone() -> None:
     house = House()
     alice, _ = house.enter("alice")
@@ -293,7 +194,7 @@ def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone
     np.testing.assert_allclose([r.t for r in ranges], 1000.05 + 0.05 * np.arange(40), atol=0.004)
     assert ranges[0].optional == {"source": "module", "sigma": 0.05, "rx_power": -80.0, "fp_power": -81.0, "nlos": 0.0}
     refused_ = house.room.status().refused
-    assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "peer": 1}
+    assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "datagram peer": 1}
 
 
 def test_modules_are_told_to_sleep_when_all_are_registered_and_to_range_on_when_one_is_not() -> None:

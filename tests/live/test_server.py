@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import aiohttp
 import numpy as np
 import pytest
 from aiohttp import web
-from support.live_server import serving
+from support.serving import run, serving
 
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
@@ -28,10 +27,6 @@ from synchronizar.simulation.simulate import simulate
 @pytest.fixture(scope="module")
 def walk() -> Recording:
     return simulate(Scene(users=2, seconds=9.0, seed=4, up="y")).recording
-
-
-def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    asyncio.run(asyncio.wait_for(test(), 120.0))
 
 
 def test_a_recording_that_is_played_has_the_same_answer_at_any_speed_and_is_recorded_as_it_was(
@@ -103,7 +98,7 @@ def test_without_a_token_there_is_nothing_but_pages() -> None:
             async with session.get(base) as response:
                 assert response.status == 200
                 assert "default-src 'none'" in response.headers["Content-Security-Policy"]
-            assert server.lobby.refused == {"token": 1}
+            assert server.lobby.refused == {"token": 1, "room": 1}
 
     run(test)
 
@@ -183,8 +178,10 @@ def test_rooms_of_two_servers_are_behind_one_address() -> None:
             serving(public_url=f"{public}/b/") as (second, in_b),
         ):
             ports |= {"a": first.port, "b": second.port}
-            async with aiohttp.ClientSession() as session, session.post(f"{public}/b/api/rooms") as response:
-                opened = await response.json()
+            async with aiohttp.ClientSession() as session:
+                asked = m.encode(m.Join(in_b.partition("#")[2]))
+                async with session.post(f"{public}/b/api/rooms", data=asked) as response:
+                    opened = await response.json()
             assert opened["join"] == f"{public}/b/#{opened['room']}"
             for address, room in ((in_a, first), (in_b, second), (opened["join"], second)):
                 async with await Client.join(address, ["alice"]) as alice:
@@ -199,10 +196,10 @@ def test_rooms_of_two_servers_are_behind_one_address() -> None:
 def test_rooms_cannot_be_opened_without_end() -> None:
     async def test() -> None:
         async with serving() as (server, address), aiohttp.ClientSession() as session:
-            base = address.partition("/#")[0]
+            base, _, code = address.partition("/#")
             statuses = []
             for _ in range(OPENED_A_MINUTE + 1):
-                async with session.post(f"{base}/api/rooms") as response:
+                async with session.post(f"{base}/api/rooms", data=m.encode(m.Join(code))) as response:
                     statuses.append(response.status)
             assert statuses == [200] * OPENED_A_MINUTE + [429]
             assert len(server.lobby.rooms) == OPENED_A_MINUTE + 1

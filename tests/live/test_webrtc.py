@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("aiortc", reason="the extra `webrtc` is not installed")
 
-from support.live_server import serving
+from support.serving import serving
 
 from synchronizar.geometry import YawFrame
 from synchronizar.live import messages as m

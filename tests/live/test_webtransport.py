@@ -34,7 +34,7 @@ from synchronizar.live.pose_wire import (
 from synchronizar.live.room import Room
 from synchronizar.live.room_host import RoomClock
 from synchronizar.live.solver_wire import Pose
-from synchronizar.live.webtransport import LARGEST_DATAGRAM, WebTransportPort
+from synchronizar.live.webtransport import LARGEST_DATAGRAM, WebTransportPort, _Link
 
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
 
@@ -68,7 +68,7 @@ class Browser(QuicConnectionProtocol):
             self.words.put_nowait(m.decode_from_room(bytes(self._bytes[4 : 4 + size])))
             del self._bytes[: 4 + size]
 
-    async def open(self, path: bytes) -> tuple[int, bytes]:
+    async def open(self, path: bytes, origin: bytes | None = None) -> tuple[int, bytes]:
         session = self._quic.get_next_available_stream_id()
         headers = [
             (b":method", b"CONNECT"),
@@ -76,6 +76,7 @@ class Browser(QuicConnectionProtocol):
             (b":authority", b"localhost"),
             (b":path", path),
             (b":protocol", b"webtransport"),
+            *([] if origin is None else [(b"origin", origin)]),
         ]
         self.http.send_headers(session, headers)
         self.transmit()
@@ -167,3 +168,56 @@ def test_poses_of_many_are_cut_into_messages_that_fit() -> None:
 
 def run(test: Awaitable[None]) -> None:
     asyncio.run(asyncio.wait_for(test, 30.0))  # type: ignore[arg-type]
+
+
+class Nobody:
+    """In the place of a connection: takes nothing of what it is sent."""
+
+    def __init__(self) -> None:
+        self.sent = 0
+
+    def send_words(self, stream: int, data: bytes) -> None:
+        assert stream == 4
+        self.sent += len(data)
+
+    def unsent(self, stream: int) -> int:
+        assert stream == 4
+        return self.sent
+
+
+def test_who_takes_nothing_is_sent_a_little_ahead_and_who_says_too_much_is_let_go() -> None:
+    async def test() -> None:
+        nobody = Nobody()
+        link = _Link(nobody, 0, "10.0.0.66")  # type: ignore[arg-type]
+        link.hear_words(4, struct.pack("<I", 2) + b"{}")
+        sending = asyncio.create_task(send_all(link))
+        await asyncio.sleep(0.1)
+        assert nobody.sent < 400_000
+        for _ in range(200):
+            link.hear_words(4, struct.pack("<I", 60_000) + b"x" * 60_000)
+            link.hear_datagram(b"x" * 1000)
+        kept = [word async for word in link.received()]
+        assert kept[0] == "{}"
+        assert sum(map(len, kept)) < 3_000_000
+        with pytest.raises(ConnectionError):
+            await sending
+
+    async def send_all(link: _Link) -> None:
+        for _ in range(100):
+            await link.send(b"x" * 60_000, True)
+
+    run(test())
+
+
+@pytest.mark.parametrize(("origin", "status"), [(b"https://evil.example", b"404"), (b"https://localhost:8443", b"200")])
+def test_a_page_from_elsewhere_opens_no_session(origin: bytes, status: bytes) -> None:
+    async def test() -> None:
+        port = await WebTransportPort.open("127.0.0.1", 0, lambda link: link.close())
+        configuration = QuicConfiguration(is_client=True, alpn_protocols=H3_ALPN, max_datagram_frame_size=65536)
+        configuration.verify_mode = ssl.CERT_NONE
+        async with connect("127.0.0.1", port.port, configuration=configuration, create_protocol=Browser) as browser:
+            assert isinstance(browser, Browser)
+            assert (await browser.open(b"/live", origin))[1] == status
+        port.close()
+
+    run(test())

@@ -164,6 +164,8 @@ class Following:
     def forget(self, begin: float, most: int) -> float:
         """What was before `begin` (s), so many slots at most; returns from when on (s) all is needed still."""
         tracking = self.tracking
+        if not tracking.follower.slots:
+            return begin
         before = min(tracking.slot_of(begin), next(iter(tracking.follower.slots)) + most)
         gone = tracking.forget(before)
         for user in gone:

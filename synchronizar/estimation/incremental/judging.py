@@ -33,9 +33,11 @@ class Judging:
 
     def advance(self) -> None:
         """At any time who is contradicted; once a slot what is forgotten, and who is still registered."""
-        if self._following.members is None or self._contradict():
+        if self._following.members is not None and self._contradict():
             return
         tracking, now = self._following.tracking, self._roster.now
+        if not np.isfinite(tracking.origin):
+            return  # no range has come: there are no slots yet
         slot = tracking.slot_of(now - _FORGOTTEN_AFTER)
         if slot != self._forgotten:
             most, self._forgotten = abs(slot - self._forgotten) + _MORE_FORGOTTEN, slot

@@ -274,3 +274,25 @@ def test_one_range_stamped_a_day_ahead_changes_nothing_that_is_told(recording: R
 def test_so_many_processes_there_cannot_be(workers: int) -> None:
     with pytest.raises(ValueError, match="workers: must be 0, 1 or None"):
         sz.Estimator(["a"], workers=workers)
+
+
+def test_what_came_long_ago_is_forgotten_though_nobody_is_ever_registered() -> None:
+    """Two people who stand still: nothing tells where the other one is."""
+    estimator = sz.Estimator(["alice", "bob"], workers=0, reference="alice")
+    random = np.random.default_rng(0)
+    for tick in range(1500):
+        t = 0.1 * tick
+        for user in ("alice", "bob"):
+            estimator.add_pose(user, t, [0.01 * np.sin(t), 0.01 * np.cos(3.0 * t), 0.0], [0.0, 0.0, 0.0, 1.0])
+        estimator.add_range(t, "alice", "bob", 3.0 + 0.1 * random.standard_normal())
+        estimator.advance(t)
+    assert estimator.registration().users["bob"].state is sz.State.UNOBSERVABLE
+    assert len(estimator.registration().ranges.usable) < 1300
+
+
+def test_time_goes_on_though_no_range_has_come() -> None:
+    estimator = sz.Estimator(["alice", "bob"], workers=0)
+    for n in range(20):
+        for user in ("alice", "bob"):
+            estimator.add_pose(user, 0.1 * n, (0.1 * n, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        assert estimator.advance(0.1 * n) is not None
