@@ -14,7 +14,7 @@ from synchronizar.live.room import Room
 
 RECEIVE_BUFFER = 4 * 1024 * 1024
 """Bytes that the system keeps while the loop is busy."""
-DRAINED_AT_ONCE = 32
+DRAINED_AT_ONCE = 256
 """Datagrams that are read before others get their turn."""
 _LARGEST = 2048
 
