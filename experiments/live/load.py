@@ -331,7 +331,9 @@ async def _in_rooms(
             async for message in watching[0].messages():
                 now = time.time() - begin
                 if isinstance(message, m.Status):
-                    if now > SETTLED_S and message.lag is not None:
+                    if (
+                        now > min(60.0 + SETTLED_S, 0.5 * seconds) and message.lag is not None
+                    ):  # joining is of no minute that counts
                         lag.append(message.lag)
                         behind.append(max(w.status.behind for w in watching if w.status is not None))
                     usage.append((now, *usage_of(server)))

@@ -23,6 +23,14 @@ def test_who_keeps_up_is_told_everything() -> None:
     assert taken(sparing, 0.0) == (480, 320)
 
 
+def test_of_many_pairs_no_more_than_a_thousand_ranges_a_second_are_told() -> None:
+    sparing = Sparing()
+    names = [f"device{n:02d}" for n in range(20)]
+    pairs = [(a, b) for n, a in enumerate(names) for b in names[:n]]
+    told = sum(sparing.takes(Range(n / 20.0, a, b, 3.0, {})) for n in range(200) for a, b in pairs)
+    assert 0.8 * 10_000 < told <= 10_000 + len(pairs)
+
+
 def test_who_falls_behind_is_told_less_step_by_step_and_everything_again_when_it_has_kept_up_for_a_while() -> None:
     sparing, t, counts = Sparing(), 0.0, []
     sparing.update(t, 5.0)
