@@ -10,7 +10,7 @@ from typing import Any
 
 RECEIVE_BUFFER = 4 * 1024 * 1024
 """Bytes that the system keeps while the loop is busy."""
-DRAINED_AT_ONCE = 32
+DRAINED_AT_ONCE = 256
 """Datagrams that are read before others get their turn."""
 LARGEST_DATAGRAM = 2048
 

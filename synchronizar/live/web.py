@@ -43,6 +43,8 @@ then let nobody past their warning."""
 _LARGEST_BODY = 64 * 1024
 _ANSWERED_WITHIN_S = 15.0
 """s from a request's head to its answer, connections apart: who sends a body so slowly is not waited for."""
+_ENDS_WITHIN_S = 2.0
+"""s that open connections have when the server ends."""
 _KEPT_S = 30.0
 """s for which a connection is kept for the next request."""
 _ASKS_WITHIN_S = 10.0
@@ -69,7 +71,9 @@ def runner(site: Site) -> web.AppRunner:
     """Serves the rooms of a lobby. Without a log of requests, and bodies are not unpacked: nobody needs that."""
     silence = Silence()
     app = _application(site, silence)
-    out = web.AppRunner(app, access_log=None, auto_decompress=False, keepalive_timeout=_KEPT_S)
+    out = web.AppRunner(
+        app, access_log=None, auto_decompress=False, keepalive_timeout=_KEPT_S, shutdown_timeout=_ENDS_WITHIN_S
+    )
 
     async def end_silent(_: web.Application) -> AsyncIterator[None]:
         ending = asyncio.create_task(silence.end(lambda: out.server.connections if out.server else []))
