@@ -149,7 +149,7 @@ class PriorParameters:
 
     height_sigma: float = 0.15
     """m, 1 sigma: how far a SLAM origin may lie above or below the others'. People start it in their hands."""
-    height_dof: float = 3.0
+    height_dof: float = 8.0
     """Degrees of freedom of Student's t: most are where they say, a robot's or one on a stand is not."""
     static_height_sigma: float = 3.0
     """m: the same of a static radio, on the floor, on a shelf, under the roof."""
