@@ -16,7 +16,7 @@ from support.paths import REPOSITORY
 from synchronizar.geometry import YawFrame
 from synchronizar.live import BlockingClient
 
-(PROGRAM,) = re.findall(r"```python\n(.*?)```", (REPOSITORY / "docs" / "room.md").read_text(), flags=re.DOTALL)
+PROGRAM, *_ = re.findall(r"```python\n(.*?)```", (REPOSITORY / "docs" / "room.md").read_text(), flags=re.DOTALL)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
