@@ -44,8 +44,8 @@ CommonShift common_shift(const ShiftedRanges& ranges, const Eigen::Vector3d& pre
         const double e = whitened[r];
         const RangeTraits range{ranges.sigma[r], found.nlos_odds[r]};
         // At first nothing is known of what is NLOS: all count, misfits less.
-        const double counts =
-            step == 0 ? 1.0 / std::max(1.0, std::abs(e)) : std::max(loss.inlier_probability(e, range), kLeastWeight);
+        const double counts = step == 0 ? 1.0 / std::max(1.0, std::abs(e))
+                                        : std::max(loss.inlier_probability(e, range), kLeastWeight);
         const Eigen::Vector3d slope =
             apart.row(r).transpose() * (ranges.share[r] / (ranges.sigma[r] * std::max(length[r], kNearest)));
         normal.noalias() += weight[r] * counts * slope * slope.transpose();

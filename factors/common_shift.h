@@ -1,9 +1,10 @@
 // Whether users are, all together, somewhere else than they are taken for: the ranges between them and
 // others, beside the same ranges with one shift in space of these users.
 //
-// A generalised likelihood ratio. NLOS comes in bursts (nlos_bursts.h), and a blocked line of sight makes many
-// ranges too long at once; whether a shift explains ranges better than bursts do is told by the likelihoods of
-// the pairs' whole chains. A shift is found by iteratively reweighted least squares, begun at each of `starts`.
+// A generalised likelihood ratio. NLOS comes in bursts (nlos_bursts.h), and a blocked line of sight makes
+// many ranges too long at once; whether a shift explains ranges better than bursts do is told by the
+// likelihoods of the pairs' whole chains. A shift is found by iteratively reweighted least squares, begun at
+// each of `starts`.
 #pragma once
 
 #include "factors/loss.h"

@@ -1,4 +1,5 @@
-// Residuals of ranges of many slots at once, as the follower keeps them: a table of ranges, a table of states.
+// Residuals of ranges of many slots at once, as the follower keeps them: a table of ranges, a table of
+// states.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,8 +8,8 @@
 
 namespace synchronizar {
 
-// Which columns of a table of ranges are both users, the slot, the distance (m), and the first of nine of each
-// end: the antenna's offset (SLAM units), lever (m) and velocity (m/s), as in calibrated_range.h.
+// Which columns of a table of ranges are both users, the slot, the distance (m), and the first of nine of
+// each end: the antenna's offset (SLAM units), lever (m) and velocity (m/s), as in calibrated_range.h.
 struct FollowedColumns {
   Eigen::Index user_i, user_j, slot, measured, end_i, end_j;
 };
