@@ -337,9 +337,11 @@ def test_a_variable_that_nothing_sees_is_an_error() -> None:
 def cliques(out: Follower) -> list[tuple[list[int], list[int]]]:
     """Slots of the variables that each clique of the tree eliminates, and of those that it depends on."""
     of = []
+    first = gtsam.symbolIndex(keys.slot_pose(0, 0)) // 10**4
     for label in re.findall(r'label="([^"]*)"', out._tree.dot()):
         front, _, separator = label.partition(":")
-        of.append(tuple([int(n) // 10**4 for n in re.findall(r"[xhd](\d+)", part)] for part in (front, separator)))
+        slots = ([int(n) - first for n in re.findall(r"[xhd](\d+)", part)] for part in (front, separator))
+        of.append(tuple(slots))
     return of  # type: ignore[return-value]
 
 
