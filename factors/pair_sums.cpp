@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstdint>
 
 #include "factors/branchless_loss.h"
 
@@ -10,7 +11,7 @@ namespace {
 
 using std::size_t;
 
-enum Named { kXi, kYi, kZi, kXj, kYj, kZj, kMeasured, kPerSigma, kFilled, kNamed };
+enum Named : std::uint8_t { kXi, kYi, kZi, kXj, kYj, kZj, kMeasured, kPerSigma, kFilled, kNamed };
 
 struct Pair {
   Place i, j;
@@ -22,6 +23,7 @@ constexpr int kGradient = kNumbers * (kNumbers + 1) / 2, kCost = kGradient + kNu
 
 // All sums, each spread over lanes: the squares' upper triangle by rows, the gradient, the cost, the bend.
 struct Lanes {
+  // NOLINTNEXTLINE(modernize-avoid-c-arrays): plain arrays, as in add_block.
   double of[kBend + 1][kLanes] = {};
 
   SYNCHRONIZAR_INLINE void add_dot(int sum, const double* a, const double* b) {
@@ -63,6 +65,7 @@ SYNCHRONIZAR_INLINE void add_block(const double* columns, Eigen::Index stride, c
   const Place i = pair.i, j = pair.j;
   const double between_x = i.x - j.x, between_y = i.y - j.y, between_z = i.z - j.z;
   const double per_annealing = 1.0 / pair.annealing, squared = pair.annealing * pair.annealing;
+  // NOLINTNEXTLINE(modernize-avoid-c-arrays): what a loop without branches reads and writes.
   double row[kNumbers][kBlock], weighted[kNumbers][kBlock], slope[kBlock], cost[kBlock], bend[kBlock];
   for (int n = 0; n < kBlock; ++n) {
     const double arm_xi = i.cos_yaw * x_i[n] - i.sin_yaw * y_i[n];
@@ -99,7 +102,7 @@ SYNCHRONIZAR_INLINE void add_block(const double* columns, Eigen::Index stride, c
     for (int a = 0; a < kNumbers; ++a) {
       for (int b = a; b < kNumbers; ++b) sums.add_dot(next++, weighted[a], row[b]);
     }
-    for (int a = 0; a < kNumbers; ++a) sums.add_dot(next++, slope, row[a]);
+    for (const auto& of_number : row) sums.add_dot(next++, slope, of_number);
     sums.add_dot(kBend, bend, filled);
   }
 }

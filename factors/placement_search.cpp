@@ -162,6 +162,7 @@ SYNCHRONIZAR_INLINE void score_places(const Coarse& ranges, float scale, std::ve
     return e * e / (e * e + scale2);
   };
   for (Place& at : places) {
+    // NOLINTNEXTLINE(modernize-avoid-c-arrays): what a loop without branches reads and writes.
     float lanes[kLanes] = {};
     for (Eigen::Index k = 0; k < whole; k += kLanes) {
       for (Eigen::Index l = 0; l < kLanes; ++l) lanes[l] += loss(at, k + l);
@@ -248,6 +249,7 @@ double height_cost(double z, double sigma) { return 0.5 * z * z / (sigma * sigma
 struct Ranges {
   pair_sums::Columns columns;
   Eigen::ArrayXd late;
+  pair_sums::Place origin{UserPose{}};
 
   Ranges(const Problem& p, const std::vector<int>& pick)
       : columns({static_cast<Eigen::Index>(pick.size())}), late(Eigen::ArrayXd::Zero(columns.rows())) {
@@ -258,21 +260,20 @@ struct Ranges {
   }
 
   pair_sums::Sums sums(const pair_sums::Place& at, const NlosMixture& loss) const {
-    return pair_sums::reweighted(columns, 0, at, kOrigin, loss, late);
+    return pair_sums::reweighted(columns, 0, at, origin, loss, late);
   }
   pair_sums::Sums sums(const pair_sums::Place& at, const GemanMcClure& loss) const {
-    return pair_sums::reweighted(columns, 0, at, kOrigin, loss);
+    return pair_sums::reweighted(columns, 0, at, origin, loss);
   }
 
   double cost(const Placement& at, const SearchOptions& options) const {
     return height_cost(at.z, options.height_sigma) +
-           pair_sums::nlos_mixture_cost(columns, 0, place_of(at), kOrigin, options.loss, 1.0, late);
+           pair_sums::nlos_mixture_cost(columns, 0, place_of(at), origin, options.loss, 1.0, late);
   }
 
   static pair_sums::Place place_of(const Placement& at) {
     return pair_sums::Place(UserPose{at.x, at.y, at.yaw, at.z});
   }
-  static inline const pair_sums::Place kOrigin{UserPose{}};
 };
 
 // Levenberg-Marquardt on (x, y, z, yaw), with yaw about `centroid`, the mean of the extent points, where it

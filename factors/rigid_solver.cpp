@@ -22,6 +22,7 @@ pair_sums::Place place_of(const Frames& frames, int user) {
 
 std::vector<pair_sums::Place> places_of(const Frames& frames) {
   std::vector<pair_sums::Place> out;
+  out.reserve(static_cast<size_t>(frames.rows()));
   for (int u = 0; u < frames.rows(); ++u) out.push_back(place_of(frames, u));
   return out;
 }
@@ -257,10 +258,12 @@ Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor> RigidSolver::covarianc
   linearize(frames, frames, late_density(nlos_odds), 1.0, system);
   Lower root(system.matrix);
   // Where it is singular to rounding, what is not known gets a large covariance all the same.
-  for (double damping = 1e-12; root.info() != Eigen::Success && damping < 1.0; damping *= 1e2) {
+  double damping = 1e-12;
+  while (root.info() != Eigen::Success && damping < 1.0) {
     Eigen::MatrixXd damped = system.matrix;
     damped.diagonal() *= 1.0 + damping;
     root.compute(damped);
+    damping *= 1e2;
   }
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Identity(variables_, variables_);
   if (!system.bends_down) {
@@ -268,6 +271,7 @@ Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor> RigidSolver::covarianc
   } else if (Lower((1.0 - kLeastInformation) * system.matrix + system.downwards).info() == Eigen::Success) {
     Lower(system.matrix + system.downwards).solveInPlace(covariance);
   } else {
+    // NOLINTNEXTLINE(misc-const-correctness): solveInPlace takes a const reference and writes to it.
     Eigen::MatrixXd bent = system.downwards.selfadjointView<Eigen::Lower>();
     root.matrixL().solveInPlace(bent);
     root.matrixL().transpose().solveInPlace<Eigen::OnTheRight>(bent);

@@ -59,7 +59,7 @@ SYNCHRONIZAR_INLINE double exp_of_negative(double x) {
   p = p * r + 0.5;
   p = p * r + 1.0;
   p = p * r + 1.0;
-  return double_of(bits_of(p) + (bits_of(shifted) << 52));
+  return double_of(bits_of(p) + (bits_of(shifted) << 52U));
 }
 
 // log(x) of a normal x > 0, to a few units in the last place of the larger of it and 1.
@@ -67,9 +67,9 @@ SYNCHRONIZAR_INLINE double log_of_normal(double x) {
   constexpr std::uint64_t kOne = 0x3ff0000000000000, kRootHalf = 0x3fe6a09e667f3bcd;
   constexpr std::uint64_t kTwo52 = 0x4330000000000000;
   constexpr double kLog2 = 0.693147180559945309417;
-  const std::uint64_t exponent = (bits_of(x) + (kOne - kRootHalf)) >> 52;  // of x over the root of a half
+  const std::uint64_t exponent = (bits_of(x) + (kOne - kRootHalf)) >> 52U;  // of x over the root of a half
   const double whole = double_of(exponent | kTwo52) - (4503599627370496.0 + 1023.0);
-  const double m = double_of(bits_of(x) - (exponent << 52) + kOne);
+  const double m = double_of(bits_of(x) - (exponent << 52U) + kOne);
   const double f = (m - 1.0) / (m + 1.0), f2 = f * f;
   double p = 1.0 / 21.0;
   p = p * f2 + 1.0 / 19.0;
@@ -104,7 +104,7 @@ SYNCHRONIZAR_INLINE float exp_of_negative(float x) {
   std::uint32_t of_p, of_shifted;
   std::memcpy(&of_p, &p, sizeof p);
   std::memcpy(&of_shifted, &shifted, sizeof shifted);
-  of_p += of_shifted << 23;
+  of_p += of_shifted << 23U;
   std::memcpy(&p, &of_p, sizeof p);
   return p;
 }

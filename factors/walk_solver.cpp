@@ -10,6 +10,8 @@
 
 namespace synchronizar {
 
+static constexpr int kLast = 2 * kOwnColumns;  // column of the residuals in a pair's squares
+
 // ---- the matrix ----
 
 BorderedEnvelope::BorderedEnvelope(std::vector<int> sizes, std::vector<int> first)
@@ -279,13 +281,13 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
                                     {device_at_[static_cast<size_t>(user_[key_j])], kOwnColumns + 4}}};
           for (const auto& [a, row] : of_devices) {
             system.add(a, a, squares.block<3, 3>(row, row));
-            system.add_gradient(a, squares.block<3, 1>(row, 2 * kOwnColumns));
+            system.add_gradient(a, squares.block<3, 1>(row, kLast));
             for (const auto& [b, column] : places) system.add(a, b, squares.block<3, 4>(row, column));
           }
           system.add(of_devices[0].first, of_devices[1].first, squares.block<3, 3>(4, kOwnColumns + 4));
           for (const auto& [a, row] : places) {
             system.add(a, a, squares.block<4, 4>(row, row));
-            system.add_gradient(a, squares.block<4, 1>(row, 2 * kOwnColumns));
+            system.add_gradient(a, squares.block<4, 1>(row, kLast));
           }
           system.add(places[0].first, places[1].first, squares.block<4, 4>(0, kOwnColumns));
           const Bend by{key_i, key_j, height_information};
