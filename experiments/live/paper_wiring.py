@@ -24,6 +24,7 @@ from experiments.live.room import (
     Seen,
     block,
     common_from_world_of,
+    drifting,
     listen,
     module_key,
     own_axes,
@@ -36,7 +37,6 @@ from experiments.live.walkers import server
 from synchronizar.live import Client
 from synchronizar.live.drained_socket import DrainedSocket
 from synchronizar.simulation.live_air import Carried, LiveAir
-from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
 _REPORTER = slice(12, 14)
@@ -148,18 +148,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    scene = Scene(
-        users=options.users,
-        seconds=options.seconds,
-        seed=options.seed,
-        scale_sigma=0.01,
-        bias_sigma=0.03,
-        drift_m_per_sqrt_s=0.005,
-        drift_rad_per_sqrt_s=0.002,
-        up="y",
-    )
+    simulation = simulate(drifting(options.users, options.seconds, options.seed))
     with server() as where:
-        counted = asyncio.run(walk_as_in_the_paper(simulate(scene), where["join"], options.seed))
+        counted = asyncio.run(walk_as_in_the_paper(simulation, where["join"], options.seed))
     print(table(summary(counted.seen)))
     print("; ".join(f"{way}: {sent} messages" for way, sent in counted.by_channel.items()))
 

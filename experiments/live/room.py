@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from experiments.live.walkers import server
 from synchronizar.arrays import Array
 from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame
@@ -57,41 +58,27 @@ def main() -> None:
     parser.add_argument("--record", metavar="DIR", help="the room is written here")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    scene = Scene(
-        users=options.users,
-        seconds=options.seconds,
-        late_share=options.late_share,
-        seed=options.seed,
+    simulation = simulate(drifting(options.users, options.seconds, options.seed, options.late_share))
+    asked = ["--no-tls", *(["--record", options.record] if options.record else [])]
+    with suppress(KeyboardInterrupt), server(*asked, *(["--keep-awake"] if options.keep_awake else [])) as where:
+        print(f"look: {where['url']}/room#{where['room']}", file=sys.stderr)
+        seen = asyncio.run(walk_in_room(simulation, where["join"], where["udp_port"], options.seed))
+        print(json.dumps(summary(seen)) if options.json else table(summary(seen)))
+
+
+def drifting(users: int, seconds: float, seed: int, late_share: float = 0.0) -> Scene:
+    """Phones whose SLAM drifts and has a wrong scale, with biased radios."""
+    return Scene(
+        users=users,
+        seconds=seconds,
+        late_share=late_share,
+        seed=seed,
         scale_sigma=0.01,
         bias_sigma=0.03,
         drift_m_per_sqrt_s=0.005,
         drift_rad_per_sqrt_s=0.002,
         up="y",
     )
-    with suppress(KeyboardInterrupt):
-        seen = asyncio.run(in_a_room_of_its_own(simulate(scene), options.seed, options.record, options.keep_awake))
-        print(json.dumps(summary(seen)) if options.json else table(summary(seen)))
-
-
-async def in_a_room_of_its_own(
-    simulation: Simulation, seed: int, record: str | None = None, keep_awake: bool = False
-) -> list[Seen]:
-    """Open a server, and walk in its room."""
-    command = (sys.executable, "-m", "synchronizar", "serve", "--json", "--no-tls", "--host", "127.0.0.1")
-    recording = () if record is None else ("--record", record)
-    sleeping = ("--keep-awake",) if keep_awake else ()
-    server = await asyncio.create_subprocess_exec(
-        *command, "--port", "0", "--udp-port", "0", *recording, *sleeping, stdout=asyncio.subprocess.PIPE
-    )
-    try:
-        assert server.stdout is not None
-        where = json.loads(await server.stdout.readline())
-        print(f"look: {where['url']}/room#{where['room']}", file=sys.stderr)
-        return await walk_in_room(simulation, where["join"], where["udp_port"], seed)
-    finally:
-        with suppress(ProcessLookupError):
-            server.terminate()
-        await server.wait()
 
 
 async def walk_in_room(simulation: Simulation, address: str, udp_port: int, seed: int) -> list[Seen]:

@@ -151,9 +151,13 @@ def test_the_gateway_is_refused_nothing() -> None:
             ("range", t, "robot1", "wall", 3.0),
         ]
         assert defined(GATEWAY)["gateway"](address, readings) == {}
-        # Poses and ranges wait until a device's clock is known, longer than these are here.
-        refused = {name: dict(device.refused) for name, device in room_of(server).devices.items()}
-        assert refused == {"robot1": {}, "phone1": {}, "wall": {}}
+        devices = room_of(server).devices
+        for _ in range(100):  # what they said waits until their clock is known
+            if devices["wall"].ranges:
+                break
+            time.sleep(0.1)
+        heard = {name: (len(device.poses), len(device.ranges)) for name, device in devices.items()}
+        assert heard == {"robot1": (1, 2), "phone1": (1, 1), "wall": (0, 1)}
 
     beside_a_server(blocking)
 

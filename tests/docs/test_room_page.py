@@ -40,7 +40,11 @@ def test_the_program_is_refused_nothing(walk: Any) -> None:
             await asyncio.to_thread(blocking, address)
             (room,) = server.lobby.rooms.values()
             alice = room.devices["alice"]
-            assert dict(alice.refused) == {}  # poses wait until its clock is known, longer than it is here
+            for _ in range(100):  # what it said waits until its clock is known
+                if alice.ranges:
+                    break
+                await asyncio.sleep(0.1)
+            assert (len(alice.poses), len(alice.ranges), dict(alice.refused)) == (3, 1, {})
 
     run(test)
 
