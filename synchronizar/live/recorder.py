@@ -19,7 +19,6 @@ from synchronizar.live import messages as m
 
 STATE_FILE = "solver.state"
 RESUME_FILE = "resume.json"
-ROOM_FILE = "room.json"
 
 
 def recorded_name(user: str, session: int) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
-import os
 import secrets
 import signal
 import ssl
@@ -255,8 +254,3 @@ async def _ended() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
     await ended.wait()
-
-
-def usual_workers() -> int:
-    """Searches get a process of their own where there is more than one core."""
-    return 1 if (os.cpu_count() or 1) > 1 else 0

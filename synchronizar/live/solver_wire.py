@@ -11,7 +11,6 @@ from synchronizar.live.messages import Quaternion, UserFrame, UserSettings, Vect
 
 LENGTH = struct.Struct("<I")
 """Before each block: its number of bytes."""
-LARGEST_BLOCK = 256 * 1024 * 1024
 
 
 class _Word(msgspec.Struct, array_like=True, gc=False):
