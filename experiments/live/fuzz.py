@@ -30,10 +30,12 @@ from synchronizar.io.datagrams import MEASURED, RANGE, TAG_SIZE, RangesDatagram,
 from synchronizar.live import messages as m
 from synchronizar.live.connection import hear_word
 from synchronizar.live.lobby import Lobby
+from synchronizar.live.member import Client
 from synchronizar.live.messages import MessageError
 from synchronizar.live.pose_wire import PoseUp, decode_poses_down, encode_poses_up
 from synchronizar.live.recorder import FolderRecorder
-from synchronizar.live.room import FROM_THE_FUTURE, TOO_OLD, Client, Room
+from synchronizar.live.room import Room
+from synchronizar.live.room_time import FROM_THE_FUTURE, TOO_OLD
 from synchronizar.live.solver_wire import Command, Pose, Range
 from synchronizar.live.udp import UdpPort
 
@@ -166,14 +168,14 @@ class Fuzz:
         client = room.connect(ticket)
         hear_word(room, client, m.encode(m.Module("afterwards", 99)).decode())
         self._enter("alice")
-        own = self.room.modules
+        own = self.room.modules.users
         alice = next(address for address, name in own.items() if name == "alice") if "alice" in own.values() else 1
         hear_word(room, room.devices["alice"].client, m.encode(m.Module("alice", alice)).decode())  # type: ignore[arg-type]
         for n in range(60):
             self.clock.t += 0.05
             hear_word(room, client, encode_poses_up([PoseUp(0, 0, n, self.clock.t, (0.1 * n, 0.0, 0.0), (0, 0, 0, 1))]))
             told = self._ranges(99, alice, n, 4000, 77)
-            self.port.hear(encode_ranges(told, self.room.keys.of(99)), ("127.0.0.1", 9))
+            self.port.hear(encode_ranges(told, self.room.modules.keys.of(99)), ("127.0.0.1", 9))
         counted = self.solver.counted - before
         if counted["Pose"] < 60 or counted["Range"] < 60:
             raise FuzzError(f"afterwards the room did not go on: {counted}, {self.room.status().refused}")
@@ -203,7 +205,7 @@ class Fuzz:
         self.sequence += self.random.choice((1, 1, 1, 0, -3, 1000))
         mm = self.random.choice((4000, 4000, 25000, -50, -5000, 9_999_999))
         told = self._ranges(reporter, self.random.randrange(1, 5) % 4 + 1, max(self.sequence, 0), mm, 9)
-        key = self.room.keys.of(reporter)
+        key = self.room.modules.keys.of(reporter)
         if self._sane():
             return _signed(told, key)
         whole = _signed(told, key)
@@ -218,7 +220,7 @@ class Fuzz:
     def _ranges(self, reporter: int, peer: int, sequence: int, mm: int, epoch: int) -> RangesDatagram:
         row = (peer, 0, MEASURED, mm, 0, 0, 50, -8000, -8100, 0, 0)
         rows = np.array([row] * self.random.choice((1, 1, 3, 32)), RANGE)
-        return RangesDatagram(self.room.radio_session, reporter, sequence, epoch, round(1e9 * self.clock.t), 0, rows)
+        return RangesDatagram(self.room.modules.session, reporter, sequence, epoch, round(1e9 * self.clock.t), 0, rows)
 
     def _poses(self, client: Client) -> bytes:
         stamp = self.clock.t + self.random.choice((0.0, 0.0, 0.0, -0.2, 5.0, -50.0, 1e9, float("nan"), float("inf")))

@@ -9,8 +9,9 @@ from typing import Protocol
 
 from synchronizar.live import messages as m
 from synchronizar.live.lobby import Lobby
+from synchronizar.live.member import Client
 from synchronizar.live.messages import MessageError
-from synchronizar.live.room import Client, Room
+from synchronizar.live.room import Room
 
 HELLO_WITHIN_S = 10.0
 

@@ -9,8 +9,10 @@ from contextlib import contextmanager
 from hashlib import sha256
 
 from synchronizar.live.budget import Tally
+from synchronizar.live.joining import TOKEN_S
+from synchronizar.live.member import Ticket
 from synchronizar.live.messages import Join, Joined, MessageError
-from synchronizar.live.room import TOKEN_S, Room, Ticket
+from synchronizar.live.room import Room
 
 ALPHABET = "ABCDEFGHJKMNPQRSTUVWXYZ23456789"
 """Without those that are taken for one another."""
@@ -55,7 +57,7 @@ class Lobby:
     def add(self, room: Room) -> None:
         """One more room."""
         self.rooms[room.code] = room
-        self.by_session[room.radio_session] = room
+        self.by_session[room.modules.session] = room
         room.refused_outside = self.refused
 
     def room(self, code: str, address: str) -> Room:
@@ -98,7 +100,7 @@ class Lobby:
     def remove(self, room: Room) -> None:
         """Nobody can join it any more."""
         self.rooms.pop(room.code, None)
-        self.by_session.pop(room.radio_session, None)
+        self.by_session.pop(room.modules.session, None)
         self._bought = {digest: bought for digest, bought in self._bought.items() if bought[0] is not room}
 
     @contextmanager

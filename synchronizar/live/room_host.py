@@ -54,7 +54,7 @@ class RoomHost:
         self._tasks = [asyncio.create_task(self._ticks())]
         if self._recorder is not None:
             self._writing = asyncio.create_task(self._writes(self._recorder))
-        self.room.begun = lambda recorded: self._solve(Begin(0 if recorded else self._workers))
+        self.room.time.begun = lambda recorded: self._solve(Begin(0 if recorded else self._workers))
 
     def resume(self, roster: Roster) -> None:
         """Go on where the room's folder ends. Raises InputError where it cannot be read."""
@@ -66,7 +66,7 @@ class RoomHost:
         begin, offsets = begin_again(folder, self._workers, self._recorder.offsets())
         if begin.state is not None:
             self._recorder.note(RESUME_FILE, {"offsets": offsets, "frames": begin.frames})
-        room.recorded, room.begun = False, None
+        room.time.recorded, room.time.begun = False, None
         self._solve(begin)
         assert self.solver is not None
         for command in tail(folder, roster.devices, begin, offsets):
@@ -126,7 +126,7 @@ class RoomHost:
 
     async def _write(self, recorder: FolderRecorder) -> None:
         """All that came, on disk. It is gathered here and written by a thread."""
-        version = self.room.roster_version, self.room.receiver.datagrams
+        version = self.room.people.version, self.room.modules.receiver.datagrams
         roster = self.room.roster() if version != self._roster_version else None
         await asyncio.to_thread(self._written, recorder, recorder.gather(), roster)
         self._roster_version = version

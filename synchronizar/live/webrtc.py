@@ -13,9 +13,10 @@ from typing import Any
 from synchronizar.live import messages as m
 from synchronizar.live.budget import Budget
 from synchronizar.live.connection import hear_word
+from synchronizar.live.member import Client
 from synchronizar.live.messages import MessageError
 from synchronizar.live.pose_channel import PoseChannel
-from synchronizar.live.room import Client, Room
+from synchronizar.live.room import Room
 
 OFFERS_A_SECOND = 0.5
 """Of one client; twice as many may come at once, or else one."""

@@ -175,7 +175,7 @@ def test_a_module_that_is_provisioned_is_believed() -> None:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
                 assert client.welcome.udp_port is not None
                 radio.sendto(encode_ranges(told, bytes.fromhex(key)), ("127.0.0.1", client.welcome.udp_port))
-            receiver = room_of(server).receiver
+            receiver = room_of(server).modules.receiver
             client.until(lambda _: 7 in receiver.reporters or len(receiver.refused) > 0, 60.0)
             assert receiver.refused == {}
 

@@ -194,7 +194,7 @@ def test_secrets_are_in_no_log_no_address_and_no_recording(
                 await bob.say_message(m.Create("o", "coin", (0.0, 0.0, 0.0)))
                 await bob.until(lambda word: isinstance(word, m.Objects))
                 secrets.append(bob.resume)
-            key = room.keys.of(7)
+            key = room.modules.keys.of(7)
             secrets.extend([code, joined.token, joined.resume, room.key.hex(), key.hex()])
             secrets.extend([room.devices["alice"].owner])
             secrets_raw.extend([room.key, key])

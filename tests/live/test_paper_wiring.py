@@ -36,8 +36,8 @@ def test_two_devices_wired_as_in_the_paper_place_each_other() -> None:
         async with serving() as (server, address):
             counted = await walk_as_in_the_paper(simulation, address, 1, enough)
             room = server.hosts[0].room
-            assert len(room.receiver.reporters) == 2
-            assert not room.receiver.refused
+            assert len(room.modules.receiver.reporters) == 2
+            assert not room.modules.receiver.refused
             assert not any(device.refused for device in room.devices.values())
         placed = summary(counted.seen)
         assert placed["phone0"]["p95"] < 0.25

@@ -11,10 +11,10 @@ from support.house import House, datagram, only, refused, user_frame
 from synchronizar.geometry import YawFrame
 from synchronizar.io.datagrams import decode_order
 from synchronizar.live import messages as m
+from synchronizar.live.joining import TOKEN_S
 from synchronizar.live.lobby import TRIES_A_MINUTE, Lobby
 from synchronizar.live.messages import MessageError
 from synchronizar.live.pose_wire import PosesDown, PoseUp, encode_poses_up
-from synchronizar.live.room import TOKEN_S
 from synchronizar.live.solver_wire import Lost, NewFrame, Pose, Range, Told
 
 
@@ -181,7 +181,7 @@ def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone
     bob, _ = house.enter("bob")
     house.room.hear(alice, m.Module("alice", 7))
     house.room.hear(bob, m.Module("bob", 8))
-    own, other = house.room.keys.of(7), house.room.keys.of(8)
+    own, other = house.room.modules.keys.of(7), house.room.modules.keys.of(8)
     for n in range(40):
         house.clock.t += 0.05
         house.room.hear_datagram(datagram(house, 7, 8, n, 5.0 + 0.05 * n, 4000 + n, own), house.clock.t + 0.003)
@@ -201,7 +201,7 @@ def test_modules_are_told_to_sleep_when_all_are_registered_and_to_range_on_when_
     house = House()
     for name, address in (("alice", 7), ("bob", 8)):
         house.room.hear(house.enter(name)[0], m.Module(name, address))
-    own = house.room.keys.of(7)
+    own = house.room.modules.keys.of(7)
 
     def orders(seconds: float, begin: int) -> set[int]:
         """s of sleep that alice's module is told meanwhile, where it takes no orders."""

@@ -15,22 +15,18 @@ from support.house import NO_TURN, House, datagram, only, refused
 from synchronizar.live import messages as m
 from synchronizar.live.budget import HANDED_ON_A_SECOND, MEASURED_A_SECOND, MOST_ADDRESSES, WORDS_A_SECOND, Tally
 from synchronizar.live.connection import hear_word
+from synchronizar.live.joining import MOST_DEVICES, MOST_SPECTATORS, TOKEN_S
 from synchronizar.live.lobby import JOINS_A_MINUTE, MOST_WAITING_FROM_ONE, TRIES_A_MINUTE, Lobby
+from synchronizar.live.measuring import RESETS_AT_ONCE
+from synchronizar.live.member import Client
 from synchronizar.live.messages import MessageError
+from synchronizar.live.modules import MOST_ADDRESSES_OF_ONE
 from synchronizar.live.objects import MOST_DATA
 from synchronizar.live.origin import is_own
 from synchronizar.live.outbox import MOST_BYTES, Outbox
 from synchronizar.live.pose_wire import PoseUp, encode_poses_up
 from synchronizar.live.recorder import FolderRecorder
-from synchronizar.live.room import (
-    MOST_ADDRESSES_OF_ONE,
-    MOST_DEVICES,
-    MOST_SPECTATORS,
-    RESETS_AT_ONCE,
-    TOKEN_S,
-    Client,
-    Room,
-)
+from synchronizar.live.room import Room
 from synchronizar.live.solver_wire import AddUser, Lost, NewFrame, Pose, Range
 from synchronizar.live.web import Silence
 
@@ -153,19 +149,19 @@ def test_an_address_whose_key_somebody_has_is_never_given_to_another(house: Hous
     house.room.hear(alice, m.Module("alice", 8))  # she has the key of 7 still
     house.room.hear(bob, m.Module("bob", 7))
     assert "address" in refused(house.said_to(bob))
-    assert house.room.modules == {8: "alice"}
+    assert house.room.modules.users == {8: "alice"}
     house.room.hear(alice, m.Module("alice", 7))
-    assert house.room.modules == {7: "alice"}
+    assert house.room.modules.users == {7: "alice"}
     again = Room("CODE", house.clock, house.room.key)
     again.restore(house.room.roster())
-    assert again.given == {7: "alice", 8: "alice"}
+    assert again.modules.given == {7: "alice", 8: "alice"}
 
 
 def test_nobody_takes_all_addresses(house: House) -> None:
     alice, _ = house.enter("alice")
     for address in range(100):
         house.room.hear(alice, m.Module("alice", address))
-    assert len(house.room.given) == MOST_ADDRESSES_OF_ONE
+    assert len(house.room.modules.given) == MOST_ADDRESSES_OF_ONE
     assert "address" in refused(house.said_to(alice))
 
 
@@ -293,7 +289,7 @@ def test_a_datagram_that_is_forged_replayed_or_of_another_time_is_refused_and_sh
 ) -> None:
     for name, address in (("alice", 7), ("bob", 8)):
         house.room.hear(house.enter(name)[0], m.Module(name, address))
-    key = house.room.keys.of(7)
+    key = house.room.modules.keys.of(7)
     for n in range(50):
         house.clock.t += 0.05
         told = datagram(house, 7, 8, n, 5000.0 + 0.05 * n, 4000, key)
@@ -316,7 +312,7 @@ def test_a_datagram_that_is_forged_replayed_or_of_another_time_is_refused_and_sh
 def test_what_modules_sent_before_a_restart_is_not_taken_again(house: House) -> None:
     for name, address in (("alice", 7), ("bob", 8)):
         house.room.hear(house.enter(name)[0], m.Module(name, address))
-    key = house.room.keys.of(7)
+    key = house.room.modules.keys.of(7)
     heard = [datagram(house, 7, 8, n, 5.0 + 0.05 * n, 4000, key) for n in range(5)]
     for data in heard:
         assert house.room.hear_datagram(data, house.clock.t) is not None
@@ -331,7 +327,7 @@ def test_a_room_at_a_recordings_time_hears_no_modules(house: House) -> None:
     player, _ = house.enter("alice", "bob", time="recorded")
     house.room.hear(player, m.Module("alice", 7))
     house.room.hear(player, m.Module("bob", 8))
-    assert house.room.hear_datagram(datagram(house, 7, 8, 1, 5.0, 4000, house.room.keys.of(7)), 1000.0) is None
+    assert house.room.hear_datagram(datagram(house, 7, 8, 1, 5.0, 4000, house.room.modules.keys.of(7)), 1000.0) is None
     assert house.room.status().refused == {"datagram time": 1}
 
 
@@ -398,7 +394,7 @@ def test_a_flood_of_poses_ranges_and_datagrams_is_refused(house: House) -> None:
     assert house.room.devices["alice"].refused == {"rate": 10}
     house.room.hear(alice, m.Module("alice", 7))
     house.room.hear(bob, m.Module("bob", 8))
-    key = house.room.keys.of(7)
+    key = house.room.modules.keys.of(7)
     for n in range(2 * MEASURED_A_SECOND):
         house.room.hear_datagram(datagram(house, 7, 8, n, 5.0, 4000, key), house.clock.t)
     assert house.room.status().refused == {"datagram rate": MEASURED_A_SECOND}

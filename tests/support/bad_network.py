@@ -15,8 +15,9 @@ from synchronizar.geometry import YawFrame
 from synchronizar.io.datagrams import MEASURED, RANGE, UNKNOWN_CLOCK, RangesDatagram, encode_ranges
 from synchronizar.live import messages as m
 from synchronizar.live.estimating import Solving
+from synchronizar.live.member import Client
 from synchronizar.live.pose_wire import PoseUp, decode_poses_down, encode_poses_up
-from synchronizar.live.room import Client, Room
+from synchronizar.live.room import Room
 from synchronizar.live.round_trips import RoundTrips
 from synchronizar.live.solver_wire import Begin, Command, Told
 from synchronizar.simulation.simulate import Simulation
@@ -252,7 +253,7 @@ class House:
         for name in names or all_names:
             self.walkers[name].join()
         for walker in self.walkers.values():
-            self.room.modules[walker.address] = walker.name
+            self.room.modules.users[walker.address] = walker.name
         self._send_ranges()
         self.time.every(TICK_S, 0.0, self._tick)
 
@@ -275,7 +276,7 @@ class House:
         if reference is None:
             return
         common_from_world = self._common_from_world(reference)
-        for pose in decode_poses_down(self.room._poses(self.now())).poses:
+        for pose in decode_poses_down(self.room.fan_out.poses(self.now())).poses:
             walker = list(self.walkers.values())[pose.member]
             t = self.time.t - pose.age
             true = common_from_world @ self._true_place(walker.name, t)
@@ -306,10 +307,10 @@ class House:
             reporter, peer = self.walkers[users[a].name], self.walkers[users[b].name]
             row = (peer.address, 0, MEASURED, round(1000.0 * distance), 0, UNKNOWN_CLOCK, 50, -8000, -8100, 0, 0)
             told = RangesDatagram(
-                *(self.room.radio_session, reporter.address, next(sequence), EPOCH, round(1e9 * (5.0 + t)), 0),
+                *(self.room.modules.session, reporter.address, next(sequence), EPOCH, round(1e9 * (5.0 + t)), 0),
                 np.array([row], RANGE),
             )
-            data = encode_ranges(told, self.room.keys.of(reporter.address))
+            data = encode_ranges(told, self.room.modules.keys.of(reporter.address))
             way = Way(self.time, self.network, random, lambda data: self._hear_datagram(data))
             self.time.at(t + GATHERED_S, lambda r=reporter, p=peer, w=way, d=data: self._range(r, p, w, d))
 

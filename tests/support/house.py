@@ -9,9 +9,10 @@ import numpy as np
 from synchronizar.geometry import YawFrame
 from synchronizar.io.datagrams import MEASURED, RANGE, RangesDatagram, encode_ranges
 from synchronizar.live import messages as m
+from synchronizar.live.member import Client
 from synchronizar.live.pose_wire import PosesDown, PoseUp, decode_poses_down, encode_poses_up
 from synchronizar.live.recorder import FolderRecorder
-from synchronizar.live.room import Client, Room
+from synchronizar.live.room import Room
 from synchronizar.live.solver_wire import Command, NewestRange, Told
 
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
@@ -110,5 +111,5 @@ def refused(words: list[Any]) -> dict[str, str]:
 
 def datagram(house: House, address: int, peer: int, sequence: int, t: float, mm: int, key: bytes) -> bytes:
     row = (peer, 0, MEASURED, mm, 0, 0, 50, -8000, -8100, 0, 0)
-    told = RangesDatagram(house.room.radio_session, address, sequence, 9, round(1e9 * t), 0, np.array([row], RANGE))
+    told = RangesDatagram(house.room.modules.session, address, sequence, 9, round(1e9 * t), 0, np.array([row], RANGE))
     return encode_ranges(told, key)
