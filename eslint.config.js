@@ -5,7 +5,7 @@ const browser = [
   ...["TextEncoder", "URL", "WebSocket", "WebTransport", "addEventListener", "btoa", "clearInterval", "clearTimeout"],
   ...["console", "crypto", "devicePixelRatio", "document", "fetch", "getComputedStyle", "globalThis", "innerHeight"],
   ...["innerWidth", "location", "matchMedia", "navigator", "performance", "queueMicrotask", "requestAnimationFrame"],
-  ...["sessionStorage", "setInterval", "setTimeout"],
+  ...["sessionStorage", "setInterval", "setTimeout", "localStorage", "AudioContext", "GainNode", "OscillatorNode"],
 ];
 const readonly = (names) => Object.fromEntries(names.map((name) => [name, "readonly"]));
 
@@ -37,7 +37,7 @@ Object.assign(rules, {
 export default [
   { ignores: ["**/vendor/**", "**/node_modules/**", "build/**", ".venv/**"] },
   {
-    files: ["synchronizar/live/pages/**/*.js"],
+    files: ["synchronizar/live/pages/**/*.js", "synchronizar/apps/*/pages/**/*.js", "examples/*/*/pages/**/*.js"],
     languageOptions: { ecmaVersion: 2023, sourceType: "module", globals: readonly(browser) },
     rules,
   },

@@ -27,6 +27,7 @@ ALLOWED = {
     "simulation": ("io",),
     "reporting": ("io", "estimation"),
     "live": ("io", "estimation"),
+    "apps": ("live",),
     "cli": ("reporting", "simulation", "live"),
     "face": ("cli",),
 }

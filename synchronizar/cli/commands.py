@@ -228,6 +228,7 @@ def _serve(options: argparse.Namespace) -> None:
         certificate=options.certificate,
         tls=not options.no_tls,
         json=options.json,
+        app=options.app,
     )
     asyncio.run(serve(asked, lambda where: announce(where, asked)))
 

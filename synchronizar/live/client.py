@@ -88,30 +88,34 @@ class Client:
         time: Literal["live", "recorded"] = "live",
         resume: str | None = None,
         clock: Callable[[], float] = time.time,
+        app: str | None = None,
+        verify: aiohttp.Fingerprint | None = None,
     ) -> Client:
         """Join the room at an address, whose fragment is the room's code.
 
         `users`: names of the devices that this connection speaks for, or settings by name as in recording.toml; `up`:
         their vertical axis where settings do not say; `clock`: what stamps their poses and ranges (s), which need not
-        agree with anybody's. Raises InputError where the room cannot be joined, and says why.
+        agree with anybody's; `app`: the secret of the room's application; `verify`: the one certificate to believe,
+        None: as always. Raises InputError where the room cannot be joined, and says why.
         """
         parts = urlsplit(address)
         if parts.scheme not in ("https", "http") or not parts.hostname or not parts.fragment:
             raise InputError(address, "is no room's address; one looks like https://192.168.1.5:47180/#ABCD2345")
         settings = users if isinstance(users, Mapping) else {name: {} for name in users}
-        asked = m.Join(parts.fragment, [_settings(name, own, up) for name, own in settings.items()], time, resume)
+        wanted = [_settings(name, own, up) for name, own in settings.items()]
+        asked = m.Join(parts.fragment, wanted, time, resume, app)
         base = f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}"
-        verify: Any = True
-        if parts.scheme == "https":
-            verify = await trust(parts.hostname, parts.port or 443)
+        believed: Any = verify or True
+        if parts.scheme == "https" and verify is None:
+            believed = await trust(parts.hostname, parts.port or 443)
         session = aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=None, connect=10.0))
         try:
-            async with session.post(f"{base}/api/join", data=m.encode(asked), ssl=verify) as response:
+            async with session.post(f"{base}/api/join", data=m.encode(asked), ssl=believed) as response:
                 body = await response.read()
             if response.status != 200:
                 raise InputError(base, _why(body))
             joined = m.decode_joined(body)
-            socket = await session.ws_connect(f"{base}/live", ssl=verify, max_msg_size=0, heartbeat=15.0)
+            socket = await session.ws_connect(f"{base}/live", ssl=believed, max_msg_size=0, heartbeat=15.0)
             await socket.send_str(m.encode(m.Hello(joined.token)).decode())
             welcome = m.decode_from_room(await socket.receive_str())
             if not isinstance(welcome, m.Welcome):

@@ -17,10 +17,12 @@ class HandingOn:
         self._people, self._now = people, now
 
     def say(self, client: Client, message: m.Say) -> None:
-        """To one device, or to all others."""
+        """To one device, to the application, or to all others."""
         if m.data_too_large(message.data):
             raise MessageError("size", f"data has at most {m.LARGEST_DATA} bytes as JSON")
-        said = m.encode(m.Said(message.topic[: m.LONGEST_NAME], message.data, self._people.speaker(client)))
+        # Who only looks may speak to the application, which knows what it lets people do.
+        by = client.name if message.to == m.APP else self._people.speaker(client)
+        said = m.encode(m.Said(message.topic[: m.LONGEST_NAME], message.data, by))
         self._spend(client, said)
         if message.to is None:
             for other in self._people.clients - {client}:

@@ -19,13 +19,17 @@ TOKEN_S = 60.0
 """s for which a token may be used, once, and for which its devices' names are kept for it."""
 MOST_DEVICES = 64
 MOST_SPECTATORS = 128
+APP_COUNTS_AS = 8
+"""Devices, in how much an application may say."""
 
 
 class Joining:
     """Lets people into one room, and out of it."""
 
-    def __init__(self, people: People, time: RoomTime, given: Given) -> None:
+    def __init__(self, people: People, time: RoomTime, given: Given, app_secret: str | None = None) -> None:
+        """`app_secret`: what the room's application says; None where there is none."""
         self._people, self._time, self._given = people, time, given
+        self._app_secret = app_secret
         self._empty_since = time.now()
         self._tickets: list[Ticket] = []
         """Of those who have not come yet."""
@@ -35,6 +39,8 @@ class Joining:
 
         Names are kept for them for as long as the ticket holds; the room changes when they come.
         """
+        if join.app is not None:
+            return self._admit_app(join), ""
         now, recorded = self._time.now(), join.time == "recorded" and bool(join.users)
         self._tickets = [ticket for ticket in self._tickets if ticket.until >= now]
         owners = {device.name: device.owner for device in self._people.devices.values()}
@@ -55,11 +61,21 @@ class Joining:
         self._tickets.append(ticket)
         return ticket, secret
 
+    def _admit_app(self, join: m.Join) -> Ticket:
+        known = self._app_secret
+        if known is None or not secrets.compare_digest(known.encode(), (join.app or "").encode()):
+            raise MessageError("app", "only the application that the server has started may say that it is that")
+        if join.users:
+            raise MessageError("app", "an application speaks for no device: its robots join by themselves")
+        return Ticket([], "", False, self._time.now() + TOKEN_S, app=True)
+
     def connect(self, ticket: Ticket) -> Client:
         """Its connection stands. Raises MessageError where it cannot come in."""
         self._check_time(ticket)
         people = self._people
-        if not ticket.settings and sum(not client.devices for client in people.clients) >= MOST_SPECTATORS:
+        if ticket.app:
+            return self._connect_app()
+        if not ticket.settings and sum(not client.name for client in people.clients) >= MOST_SPECTATORS:
             raise MessageError("full", f"{MOST_SPECTATORS} look already: come later")
         self._tickets = [other for other in self._tickets if other is not ticket]
         if ticket.settings:
@@ -80,13 +96,22 @@ class Joining:
         people.clients.add(client)
         return client
 
+    def _connect_app(self) -> Client:
+        """It takes the place of the one before, which may not have noticed its end."""
+        for earlier in [client for client in self._people.clients if client.app]:
+            self.disconnect(earlier)
+            earlier.outbox.close()
+        client = Client([], False, Allowance(APP_COUNTS_AS, self._time.now()), app=True)
+        self._people.clients.add(client)
+        return client
+
     def disconnect(self, client: Client) -> None:
         """Its connection is gone; its devices may come again."""
         self._people.clients.discard(client)
         if client.peer is not None:
             client.peer.close()
             client.peer = None
-        if not self._people.clients:
+        if self._people.is_empty():
             self._empty_since = self._time.now()
         gone = [device for device in client.devices if device.client is client]
         for device in gone:
@@ -102,7 +127,7 @@ class Joining:
 
     def idle_for(self) -> float:
         """How long (s) nobody has been here."""
-        return 0.0 if self._people.clients else self._time.now() - self._empty_since
+        return self._time.now() - self._empty_since if self._people.is_empty() else 0.0
 
     def sessions(self) -> dict[str, int]:
         """How often SLAM began anew, by names as `alike`, of all devices and of those who have not come yet."""
@@ -116,8 +141,8 @@ class Joining:
 
     def _check_name(self, name: str, owner: str, owners: Mapping[str, str]) -> None:
         """Whether somebody may have it; `owners` of all names that are known or kept."""
-        if name == m.ROOM:
-            raise MessageError("name", f"{m.ROOM!r} is the room itself: choose another name")
+        if name in (m.ROOM, m.APP):
+            raise MessageError("name", f"{name!r} is the room itself: choose another name")
         if name in owners:
             if not secrets.compare_digest(owners[name], owner):
                 raise MessageError("name", f"there is somebody called {name!r} already: choose another name")

@@ -72,10 +72,14 @@ class Client:
     outbox: Outbox = field(default_factory=Outbox)
     told: Counter[str] = field(default_factory=Counter)
     peer: Peer | None = None
+    app: bool = False
+    """Whether it is the room's application."""
 
     @property
     def name(self) -> str:
-        """In whose name it holds objects and speaks."""
+        """In whose name it holds objects and speaks; empty for who only looks."""
+        if self.app:
+            return m.APP
         return self.devices[0].name if self.devices else ""
 
 
@@ -88,6 +92,8 @@ class Ticket:
     """Hash of the secret by which they come again."""
     recorded: bool
     until: float
+    app: bool = False
+    """Whether it is for the room's application."""
 
     @property
     def users(self) -> list[str]:

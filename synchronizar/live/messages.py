@@ -16,6 +16,8 @@ PROTOCOL = 1
 """Version of all of this; a client that speaks another is refused with both numbers."""
 ROOM = "room"
 """In whose name the room itself takes part in WebRTC; no device can have it."""
+APP = "app"
+"""In whose name the room's application speaks and holds objects; no device can have it."""
 LONGEST_NAME = 64
 MOST_USERS = 64
 """Users that one connection may host."""
@@ -70,6 +72,17 @@ class Join(_Message):
     resume: str | None = None
     """The `resume` of an earlier answer, to be the same devices again after a reload or in another network.
     One that the room does not know opens nothing, and is answered by a new one."""
+    app: str | None = None
+    """The secret that the room's application has from its server; nobody else says it."""
+
+
+class OpenRoom(_Message):
+    """Body of `POST /api/rooms`: one more room, asked for by somebody who has the code of one."""
+
+    room: str
+    """The code of a room that there is."""
+    app: str | None = None
+    """What is done in the new one: a name of `GET /api/apps`; None: what the server was started with."""
 
 
 class Joined(_Message):
@@ -537,6 +550,7 @@ _encoder = msgspec.json.Encoder()
 _from_client: msgspec.json.Decoder[FromClient] = msgspec.json.Decoder(FromClient)
 _from_room: msgspec.json.Decoder[FromRoom] = msgspec.json.Decoder(FromRoom)
 _join = msgspec.json.Decoder(Join)
+_open_room = msgspec.json.Decoder(OpenRoom)
 _joined = msgspec.json.Decoder(Joined)
 
 
@@ -558,6 +572,11 @@ def decode_from_room(data: bytes | str) -> FromRoom:
 def decode_join(data: bytes) -> Join:
     """What somebody who joins asks for. Raises MessageError for anything else."""
     return _short(_join, data)
+
+
+def decode_open_room(data: bytes) -> OpenRoom:
+    """What somebody who opens a room asks for. Raises MessageError for anything else."""
+    return _short(_open_room, data)
 
 
 def decode_joined(data: bytes) -> Joined:

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from synchronizar.live.messages import (
+    APP,
     LARGEST_DATA,
     LONGEST_NAME,
     Create,
@@ -46,9 +47,12 @@ class ObjectStore:
         """Bytes of each object's data."""
         self._saved = saved
 
-    def restore(self, objects: list[Object]) -> None:
-        """As they stood before; nobody holds any."""
-        self.objects = {o.id: msgspec.structs.replace(o, holder=None, velocity=None) for o in objects}
+    def restore(self, objects: list[Object], app: bool = False) -> None:
+        """As they stood before; nobody holds any, but those that are an application's, where there still is one."""
+        kept = APP if app else None
+        self.objects = {
+            o.id: msgspec.structs.replace(o, holder=kept if o.holder == APP else None, velocity=None) for o in objects
+        }
         self._sizes = {o.id: data_size(o.data) for o in objects}
 
     def snapshot(self) -> Objects:
@@ -77,7 +81,7 @@ class ObjectStore:
         made = Object(message.id, message.kind, position, quat, by, held, None, now, message.data, waits)
         self.objects[made.id] = made
         if held is not None:
-            self._leases[made.id] = now + LEASE_S
+            self._hold(made.id, by, now)
         self._note(made)
         return made
 
@@ -93,7 +97,7 @@ class ObjectStore:
     def grab(self, id_: str, by: str, now: float) -> None:
         """`by` holds it from now on. Raises MessageError where somebody else does."""
         found = self._free(id_, by)
-        self._leases[id_] = now + LEASE_S
+        self._hold(id_, by, now)
         if found.holder != by:
             found.holder = by
             self._note(found)
@@ -112,7 +116,7 @@ class ObjectStore:
             self._keep_data(message.id, message.data)
             found.data = message.data
         found.position, found.quat_xyzw, found.velocity, found.t = position, quat, message.velocity, now
-        self._leases[message.id] = now + LEASE_S
+        self._hold(message.id, by, now)
         self._note(found)
 
     def release(self, id_: str, by: str) -> None:
@@ -138,7 +142,7 @@ class ObjectStore:
                 self._leases[id_] = now + LEASE_S
 
     def expire(self, now: float) -> None:
-        """Whose lease has ended holds nothing any more."""
+        """Whose lease has ended holds nothing any more; an application has none, since it is begun again."""
         for id_ in [id_ for id_, until in self._leases.items() if until < now]:
             self._let_go(self.objects[id_])
 
@@ -150,6 +154,10 @@ class ObjectStore:
         out = Objects(self.version, [o for o in changed if o.waits_for is None], self._removed)
         self._changed, self._removed = {}, []
         return out if out.changed or out.removed else None
+
+    def _hold(self, id_: str, by: str, now: float) -> None:
+        if by != APP:
+            self._leases[id_] = now + LEASE_S
 
     def _keep_data(self, id_: str, data: Any) -> None:
         """Count an object's data. Raises MessageError where it is too much."""

@@ -37,16 +37,25 @@ class People:
 
     def speaker(self, client: Client) -> str:
         """In whose name a connection changes anything. Raises MessageError."""
-        if not client.devices:
+        if not client.name:
             raise MessageError("spectator", "who only looks changes nothing: join with a device")
         return client.name
 
     def client_of(self, name: str) -> Client:
-        """The connection that speaks for a device. Raises MessageError."""
+        """The connection that speaks for a device, or is the application. Raises MessageError."""
+        if name == m.APP:
+            for client in self.clients:
+                if client.app:
+                    return client
+            raise MessageError("app", "nothing is done here, or it is being begun again: try again in some seconds")
         device = self.devices.get(name)
         if device is None or device.client is None:
             raise MessageError("user", f"{name!r} is not here")
         return device.client
+
+    def is_empty(self) -> bool:
+        """Whether nobody is here, whatever application there is."""
+        return all(client.app for client in self.clients)
 
     def members(self) -> list[m.Member]:
         """Everybody, as others are told of them."""

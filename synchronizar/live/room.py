@@ -76,7 +76,9 @@ class Room:
         """How late the loop is that calls all of this."""
         self.open_peer: Callable[[Room, Client], Peer] | None = None
         """Begins a client's second way for poses; None where the server has none."""
-        self._joining = Joining(self.people, self.time, self.given)
+        self.app_secret = secrets.token_urlsafe(24)
+        """What its application says to be let in as such."""
+        self._joining = Joining(self.people, self.time, self.given, None if app is None else self.app_secret)
         self._handing_on = HandingOn(self.people, now)
         self._status_at = self._asked_at = self._stood_at = -np.inf
         self._finishing: list[Client] = []
@@ -100,7 +102,7 @@ class Room:
         devices = [KnownDevice(d.settings, d.owner, d.frame, d.session) for d in self.devices.values()]
         modules = self.modules
         addresses, given, sequences = dict(modules.users), dict(modules.given), modules.receiver.sequences()
-        return Roster(self.code, self.key.hex(), devices, addresses, given, sequences)
+        return Roster(self.code, self.key.hex(), devices, addresses, given, sequences, self.app)
 
     def restore(self, roster: Roster) -> None:
         """Its devices as they were; all of them are away."""

@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from synchronizar.errors import InputError
+from synchronizar.live.app_process import AppProcess
 from synchronizar.live.object_file import ObjectFile
 from synchronizar.live.recorder import RESUME_FILE, STATE_FILE, FolderRecorder, Gathered
 from synchronizar.live.resuming import begin_again, tail
@@ -48,6 +49,7 @@ class RoomHost:
         self._tasks: list[asyncio.Task[None]] = []
         self._writing: asyncio.Task[None] | None = None
         self._ended = asyncio.Event()
+        self._app: AppProcess | None = None
 
     def start(self) -> None:
         """Begin its tasks; there must be a running loop."""
@@ -55,6 +57,11 @@ class RoomHost:
         if self._recorder is not None:
             self._writing = asyncio.create_task(self._writes(self._recorder))
         self.room.time.begun = lambda recorded: self._solve(Begin(0 if recorded else self._workers))
+
+    def begin_app(self, app: AppProcess) -> None:
+        """What people do there runs from now on."""
+        self._app = app
+        app.start()
 
     def resume(self, roster: Roster) -> None:
         """Go on where the room's folder ends. Raises InputError where it cannot be read."""
@@ -75,7 +82,7 @@ class RoomHost:
             else:
                 self.solver.feed(command)
         if self._objects is not None:
-            room.objects.restore(self._objects.load())
+            room.objects.restore(self._objects.load(), room.app is not None)
 
     def _solve(self, begin: Begin) -> None:
         """Begin the solver."""
@@ -86,6 +93,8 @@ class RoomHost:
 
     async def close(self) -> None:
         """Everything on disk, and nothing left running."""
+        if self._app is not None:
+            await self._app.close()
         if self.solver is not None:
             await self.solver.close()
         for task in self._tasks:

@@ -38,6 +38,8 @@ class Roster(msgspec.Struct):
     """Whose module ever had which."""
     sequences: dict[int, int] = {}
     """The newest sequence of each module's datagrams: older ones are not taken again."""
+    app: str | None = None
+    """What is done there."""
 
 
 _decoder = msgspec.json.Decoder(Roster)

@@ -13,12 +13,16 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from aiohttp import web
 
 from synchronizar.errors import InputError
+from synchronizar.live.app_process import AppProcess
+from synchronizar.live.app_run import Place
+from synchronizar.live.applications import application
 from synchronizar.live.certificates import own_addresses, server_context
 from synchronizar.live.connection import serve_link
 from synchronizar.live.lobby import Lobby, new_code
@@ -65,6 +69,8 @@ class ServerOptions:
     tls: bool = True
     workers: int = 1
     json: bool = False
+    app: str | None = None
+    """What people do in its rooms: an application's name."""
 
 
 async def serve(options: ServerOptions, started: Callable[[dict[str, object]], None]) -> None:
@@ -73,9 +79,11 @@ async def serve(options: ServerOptions, started: Callable[[dict[str, object]], N
         raise InputError("--no-tls", "a phone needs https: without TLS the server listens at --host 127.0.0.1 alone")
     if options.resume and options.record is None:
         raise InputError("--resume", "needs --record DIR: the folder in which the rooms were recorded")
-    context = server_context(options.certificate)[0] if options.tls else None
+    if options.app is not None:
+        application(options.app)
+    context, certificate = server_context(options.certificate) if options.tls else (None, None)
     _open_many_files()
-    server = Server(options, context)
+    server = Server(options, context, certificate)
     try:
         started(await server.start())
         gc.freeze()  # what was imported is never garbage: looking through it takes tens of ms whenever that is done
@@ -87,12 +95,16 @@ async def serve(options: ServerOptions, started: Callable[[dict[str, object]], N
 class Server:
     """The parts of a server, started and closed."""
 
-    def __init__(self, options: ServerOptions, context: ssl.SSLContext | None) -> None:
+    def __init__(
+        self, options: ServerOptions, context: ssl.SSLContext | None, certificate: bytes | None = None
+    ) -> None:
+        """`context`: with what to serve, None: without TLS; `certificate`: the one in it, in DER."""
         self.options = options
         self.clock = RoomClock()
         self.lobby = Lobby(self.clock)
         self.hosts: list[RoomHost] = []
         self._context = context
+        self._certificate_sha256 = None if certificate is None else sha256(certificate).hexdigest()
         self._url = ""
         self._runner: web.AppRunner | None = None
         self._udp: UdpPort | None = None
@@ -155,12 +167,19 @@ class Server:
         """The address that phones and `play` join by: its fragment, the code, is seen and logged by no server."""
         return f"{self._url}/#{code}"
 
-    def open_room(self) -> Room:
-        """One more room. Raises InputError where its folder cannot be written."""
+    def open_room(self, app: str | None = None) -> Room:
+        """One more room, with the server's application or with another one.
+
+        Raises InputError where its folder cannot be written, or there is no such application.
+        """
+        app = app or self.options.app
+        if app is not None:
+            application(app)
         if self.options.record is None:
-            return self._host(Room(new_code(), self.clock, udp_port=self._udp_port, **self._modules()), None, None)
+            room = Room(new_code(), self.clock, udp_port=self._udp_port, app=app, **self._modules())
+            return self._host(room, None, None)
         name = f"room-{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}"
-        return self._recorded_room(self.options.record / name, None)
+        return self._recorded_room(self.options.record / name, None, app)
 
     def open_rooms_again(self) -> list[Room]:
         """All rooms that were recorded here before. Raises InputError where there is none, or one cannot be read."""
@@ -169,7 +188,7 @@ class Server:
         known = [(folder, roster) for folder in folders if (roster := read_roster(folder)) is not None]
         if not known:
             raise InputError(self.options.record, "no room was recorded here by this user: leave --resume out")
-        return [self._recorded_room(folder, roster) for folder, roster in known]
+        return [self._recorded_room(folder, roster, roster.app or self.options.app) for folder, roster in known]
 
     @property
     def _udp_port(self) -> int | None:
@@ -180,11 +199,11 @@ class Server:
         sleep = SleepParameters(settled=float("inf")) if self.options.keep_awake else None
         return {"allow_version_1": self.options.allow_version_1, "sleep": sleep}
 
-    def _recorded_room(self, folder: Path, roster: Roster | None) -> Room:
+    def _recorded_room(self, folder: Path, roster: Roster | None, app: str | None) -> Room:
         recorder = FolderRecorder(folder)
         objects = ObjectFile(folder / OBJECTS_FILE)
         code, key = (new_code(), None) if roster is None else (roster.code, bytes.fromhex(roster.key))
-        room = Room(code, self.clock, key, recorder, self._udp_port, saved=objects.save, **self._modules())
+        room = Room(code, self.clock, key, recorder, self._udp_port, app, saved=objects.save, **self._modules())
         return self._host(room, recorder, objects, roster)
 
     def _host(
@@ -198,7 +217,16 @@ class Server:
         if roster is not None:
             host.resume(roster)
         self.lobby.add(room)
+        if room.app is not None:
+            place = Place(self._own_address(room.code), room.app_secret, self._certificate_sha256)
+            host.begin_app(AppProcess(room.app, place, room.event))
         return room
+
+    def _own_address(self, code: str) -> str:
+        """A room's address from this machine itself."""
+        host = self.options.host if self.options.host not in (None, "0.0.0.0", "::") else "127.0.0.1"
+        host = f"[{host}]" if host and ":" in host else host
+        return f"{'https' if self._context else 'http'}://{host}:{self.port}/#{code}"
 
     async def _close_idle(self) -> None:
         """Rooms in which nobody has been for long, but the first: what they wrote stays."""

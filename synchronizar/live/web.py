@@ -14,6 +14,7 @@ from aiohttp import WSMsgType, web
 
 from synchronizar.errors import InputError
 from synchronizar.live import messages as m
+from synchronizar.live.applications import loaded, pages_of
 from synchronizar.live.connection import serve_link
 from synchronizar.live.lobby import Lobby
 from synchronizar.live.messages import MessageError
@@ -60,7 +61,8 @@ class Site:
     lobby: Lobby
     address_of: Callable[[str], str]
     """The address by which others join a room, from its code."""
-    open_room: Callable[[], Room]
+    open_room: Callable[[str | None], Room]
+    """One more room, with an application or without."""
     public_url: str | None = None
     """Where there is a proxy before it: it says for whom it asks, and pages come from there."""
     strict: bool = False
@@ -90,6 +92,10 @@ def _application(site: Site, silence: Silence) -> web.Application:
     for path in _PAGES_BY_PATH:
         app.router.add_get(path, pages.page)
     app.router.add_static("/pages", PAGES)
+    for name, application in loaded().items():
+        if (folder := pages_of(application)).is_dir():
+            app.router.add_static(f"/apps/{name}", folder)
+    app.router.add_get("/api/apps", pages.apps)
     app.router.add_post("/api/join", pages.join)
     app.router.add_post("/api/rooms", pages.open)
     app.router.add_post("/api/qr", pages.qr)
@@ -138,11 +144,17 @@ class _Pages:
         joined = self._lobby.join(m.decode_join(await request.read()), self._asker(request))
         return web.Response(body=m.encode(joined), content_type="application/json")
 
+    async def apps(self, _: web.Request) -> web.StreamResponse:
+        """What people can do here: applications by name."""
+        told = {name: {"title": app.title, "summary": app.summary} for name, app in loaded().items()}
+        return web.Response(body=msgspec.json.encode(told), content_type="application/json")
+
     async def open(self, request: web.Request) -> web.StreamResponse:
         """One more room, for somebody who has the code of one."""
-        self._lobby.may_open(m.decode_join(await request.read()).room, self._asker(request))
+        asked = m.decode_open_room(await request.read())
+        self._lobby.may_open(asked.room, self._asker(request))
         try:
-            room = self._site.open_room()
+            room = self._site.open_room(asked.app)
         except InputError as error:
             raise MessageError("full", f"no room can be opened now: {error}") from error
         body = msgspec.json.encode({"room": room.code, "join": self._site.address_of(room.code)})

@@ -53,9 +53,9 @@ class FakeSolver:
 class House:
     """A room with its clock and solver."""
 
-    def __init__(self, recorder: FolderRecorder | None = None) -> None:
+    def __init__(self, recorder: FolderRecorder | None = None, app: str | None = None) -> None:
         self.clock, self.recorder = Clock(), recorder
-        self.room = Room("CODE", self.clock, key=bytes(32), recorder=recorder)
+        self.room = Room("CODE", self.clock, key=bytes(32), recorder=recorder, app=app)
         self.solver = FakeSolver()
         self.room.solver = self.solver
 
@@ -63,6 +63,10 @@ class House:
         users = [m.UserSettings(name, up=up) for name in names]  # type: ignore[arg-type]
         ticket, secret = self.room.admit(m.Join("CODE", users, time, resume))  # type: ignore[arg-type]
         return self.room.connect(ticket), secret
+
+    def enter_app(self) -> Client:
+        ticket, _ = self.room.admit(m.Join("CODE", app=self.room.app_secret))
+        return self.room.connect(ticket)
 
     def told(self, **frames: YawFrame) -> None:
         """The solver has registered these users."""

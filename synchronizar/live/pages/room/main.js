@@ -1,11 +1,13 @@
 /** The room's page: who only looks sees everybody from above. */
 
+import { appLayer } from "../app_layer.js";
 import { byId, say } from "../dom.js";
 import { JoinError, RoomClient } from "../protocol.js";
 import { Banner } from "../view/banner.js";
 import { onDarkChange } from "../view/colours.js";
 import { Devices } from "../view/devices.js";
 import { EventLog } from "../view/events.js";
+import { AppList } from "../view/app_list.js";
 import { fillJoinCard } from "../view/join_card.js";
 import { Tables, counts } from "../view/tables.js";
 import { TopView } from "../view/top_view.js";
@@ -25,6 +27,8 @@ const devices = new Devices(byId("devices"), byId("nobody"));
 const tables = new Tables(byId("device-table"), byId("pair-table"));
 const log = new EventLog(byId("events"));
 const view = new TopView(byId("top-view"), model);
+const apps = new AppList(byId("other-apps"), byId("app-list"), serverAddress(), code);
+let app = null;
 let began = null;
 let behind = false;
 
@@ -41,7 +45,10 @@ byId("full").hidden = !document.documentElement.requestFullscreen;
 byId("walk-in").href = addressOf("./", code);
 onDarkChange(refresh);
 
-client.addEventListener("welcome", ({ detail }) => (began ??= detail.t));
+client.addEventListener("welcome", ({ detail }) => {
+  began ??= detail.t;
+  showApp(detail.app);
+});
 client.addEventListener("state", ({ detail }) => {
   const text = connection(detail);
   if (!text) banner.hide();
@@ -62,6 +69,16 @@ function refresh() {
   tables.update(model);
   log.update(model.events, elapsed);
   counters();
+  app?.refresh?.();
+}
+
+async function showApp(name) {
+  if (app || !name) return;
+  const begin = await appLayer(name, "room");
+  if (app || !begin) return;
+  byId("app").hidden = false;
+  app = begin({ client, model, panel: byId("app") });
+  view.above = app.draw ? (paint, camera) => app.draw(paint, camera) : null;
 }
 
 function counters() {
@@ -106,6 +123,7 @@ async function start() {
     const elsewhere = { label: "Enter the code again", go: () => location.assign("./") };
     banner.show(error.message, "error", error.reason === "room" ? elsewhere : { label: "Try again", go: () => location.reload() });
   }
+  apps.show();
   refresh();
   setInterval(refresh, REDRAW_MS);
 }

@@ -72,7 +72,7 @@ export class RoomModel {
       const [x, y, z] = pose.position;
       const turned = user.static ? null : heading(pose.quat_xyzw, user.up);
       const { state, age } = pose;
-      user.pose = { x, y, z, heading: turned, state, age, ellipse: this.#ellipse(user, pose), heard: t };
+      user.pose = { x, y, z, quat_xyzw: pose.quat_xyzw, heading: turned, state, age, ellipse: this.#ellipse(user, pose), heard: t };
       extend(user.trail, t - pose.age, x, y);
     }
     // Many devices' poses come in several messages: who is in none for a while has no place.

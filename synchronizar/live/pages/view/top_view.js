@@ -24,6 +24,9 @@ export class TopView {
   #dot = 8;
   #drag = null;
 
+  /** What draws above all else, with each frame: (paint, camera). */
+  above = null;
+
   constructor(canvas, model) {
     this.#canvas = canvas;
     this.#model = model;
@@ -114,6 +117,7 @@ export class TopView {
     this.#ranges(paint, colours);
     for (const user of users) this.#device(paint, user, colours);
     this.#names(paint, users, colours);
+    this.above?.(paint, this.#camera);
     this.#scaleBar(paint, colours);
   }
 

@@ -47,6 +47,12 @@ export class Avatars {
     return Object.fromEntries(shown.map(({ name, now }) => [name, { t: now.t, position: now.position, state: now.state }]));
   }
 
+  /** Where somebody is drawn now: {position, quat_xyzw} in the common frame; null of who is not. */
+  placeOf(name) {
+    const avatar = this.#avatars.get(name);
+    return avatar?.root.visible ? avatar.now : null;
+  }
+
   /** Everybody as at `roomTime`, in `opacity` of all. */
   update(roomTime, opacity) {
     for (const avatar of this.#avatars.values()) avatar.update(roomTime, opacity);

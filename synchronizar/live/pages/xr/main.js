@@ -1,5 +1,6 @@
 /** The phone's page: walk in with AR, then see the others and the room's objects where they are. */
 
+import { appLayer } from "../app_layer.js";
 import { UPRIGHT_IN_Y_UP, turned } from "../axes.js";
 import { stampOf } from "../clock.js";
 import { byId, say } from "../dom.js";
@@ -65,6 +66,7 @@ class Visit {
   #avatars = new Avatars(this.#client, this.#stage.common);
   #objects = new Objects(this.#client, this.#stage.common, this.#stage.scene);
   #overlay = new Overlay({ leave: () => this.end(true), mark: () => this.mark() });
+  #app = null;
   #own = null;
   #drawnAt = null;
   #timer = null;
@@ -86,12 +88,32 @@ class Visit {
     this.#listen();
     // A browser starts AR from within a click only, so that comes first.
     await this.#session.start(this.#stage.renderer, byId("overlay"), (time) => this.#draw(time));
-    await this.#client.connect();
+    const { app } = await this.#client.connect();
+    await this.#beginApp(app);
     remember(code, { resume: this.#client.resume });
     byId("start").hidden = true;
     this.#overlay.show(true);
     this.#timer = setInterval(() => this.#refresh(), REDRAW_MS);
     this.#refresh();
+  }
+
+  /** What is done in the room draws and hears as well. */
+  async #beginApp(app) {
+    const begin = await appLayer(app, "phone");
+    if (!begin) return;
+    this.#app = begin({
+      client: this.#client,
+      name,
+      common: this.#stage.common,
+      panel: byId("app"),
+      avatars: this.#avatars,
+      frame: this.#frame,
+      own: () => this.#own,
+      registered: () => this.#frame.registered,
+    });
+    globalThis.synchronizar.app = this.#app;
+    this.#objects.leave(this.#app.kinds ?? new Set());
+    byId("mark").hidden = true;
   }
 
   /** Ends AR and the connection; `left`: the device does not come back. */
@@ -103,6 +125,7 @@ class Visit {
       this.#client.close();
     }
     clearInterval(this.#timer);
+    this.#app?.end?.();
     this.#session.end()?.catch(() => {});
     this.#stage.renderer.domElement.remove();
     this.#stage.renderer.dispose();
@@ -127,7 +150,10 @@ class Visit {
       this.#own = { position, quat_xyzw };
       this.#frame.moveTo(position);
       this.#client.sendPose(position, quat_xyzw, stampOf(t));
+      this.#app?.pose?.(t, position);
     });
+    session.addEventListener("selectstart", () => this.#app?.select?.start());
+    session.addEventListener("selectend", () => this.#app?.select?.end());
     session.addEventListener("reset", () => {
       this.#frame.forget();
       this.#client.reset();
@@ -164,6 +190,7 @@ class Visit {
     const { roomTime } = this.#client;
     if (roomTime !== null) this.#avatars.update(roomTime, this.#frame.opacity);
     this.#objects.update(dt, roomTime, this.#frame.opacity);
+    this.#app?.update?.(dt, roomTime);
     this.#stage.draw();
   }
 

@@ -25,6 +25,7 @@ export class Objects {
   #common;
   #own;
   #shown = new Map();
+  #left = new Set();
   #waiting = new Map();
 
   /** `common`: where the common frame is drawn; `own`: where the device's own is. */
@@ -35,6 +36,12 @@ export class Objects {
     client.addEventListener("objects", () => this.#take());
     client.addEventListener("welcome", () => this.#take());
     if (client.state === "open") this.#take();
+  }
+
+  /** Leave objects of these kinds to somebody else, who draws them. */
+  leave(kinds) {
+    this.#left = kinds;
+    this.#take();
   }
 
   /** Ids of what is shown in place. */
@@ -73,9 +80,11 @@ export class Objects {
   }
 
   #take() {
-    for (const object of this.#client.objects.values()) if (!this.#shown.has(object.id)) this.#add(object);
+    const drawn = [...this.#client.objects.values()].filter(({ kind }) => !this.#left.has(kind));
+    const ids = new Set(drawn.map(({ id }) => id));
+    for (const object of drawn) if (!this.#shown.has(object.id)) this.#add(object);
     for (const [id, { root, mesh, tag }] of this.#shown) {
-      if (this.#client.objects.has(id)) continue;
+      if (ids.has(id)) continue;
       this.#common.remove(root);
       mesh.material.dispose();
       dispose(tag);

@@ -14,6 +14,8 @@ export class OwnFrame extends EventTarget {
     this.#client = client;
     this.told = null;
     this.opacity = 0;
+    /** Where the common frame is drawn now, or null. */
+    this.placing = null;
     client.addEventListener("welcome", ({ detail }) => this.#take(detail.frames));
     client.addEventListener("frames", ({ detail }) => this.#take(detail));
   }
@@ -39,7 +41,8 @@ export class OwnFrame extends EventTarget {
     const shown = this.#smoother.step(dt, this.#at, inView);
     // Without a place that can be relied on, things stay where they were, and pale.
     this.opacity = shown === null ? 0 : shown.opacity * (this.registered ? 1 : 0.35);
-    return shown?.placing ?? null;
+    this.placing = shown?.placing ?? null;
+    return this.placing;
   }
 
   #take({ t, users }) {

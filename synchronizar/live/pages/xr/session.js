@@ -20,7 +20,7 @@ export class ArSession extends EventTarget {
   /**
    * Ask for a session, from within a click. `overlay`: an element that stays on top where the browser can do that.
    * Throws what the browser throws. Events: `pose` ({t, position, quat_xyzw}: axes of WebXR, t in ms by the page's
-   * clock), `reset` (another frame from now on), `lost`, `found`, `end`.
+   * clock), `reset` (another frame from now on), `lost`, `found`, `selectstart`, `selectend`, `end`.
    */
   async start(renderer, overlay, draw) {
     const session = await navigator.xr.requestSession("immersive-ar", {
@@ -29,6 +29,10 @@ export class ArSession extends EventTarget {
       domOverlay: { root: overlay },
     });
     this.#session = session;
+    // A touch beside the overlay's buttons, or a headset's trigger.
+    for (const type of ["selectstart", "selectend"]) {
+      session.addEventListener(type, () => this.dispatchEvent(new CustomEvent(type)));
+    }
     session.addEventListener("end", () => {
       renderer.setAnimationLoop(null);
       this.#session = this.#space = null;
