@@ -97,6 +97,20 @@ def test_a_ball_that_is_thrown_to_somebody_is_caught_there_and_counts() -> None:
     assert (table.score["rally"], table.score["best"], table.score["caught"]) == (1, 1, {"bob": 1})
 
 
+def test_a_throw_to_somebody_who_walks_comes_where_that_hand_will_be() -> None:
+    table = two()
+    for n in range(30):
+        table.players["bob"] = ((3.0, 0.02 * n, 0.0), AGAINST_X)  # 0.6 m/s
+        table.go_on()
+    table.throws("ann", 2.5, 0.5, 1.0)
+    table.go_on()
+    flight = Flight(table.ball.data["t"], table.ball.data["position"], table.ball.data["velocity"])
+    passes = min(
+        dist(flight.at(flight.t + s), (3.0 - game.HAND_M, 0.58 + 0.6 * s, 0.0)) for s in [0.01 * n for n in range(250)]
+    )
+    assert passes < 0.1
+
+
 def test_every_page_can_work_out_the_same_arc_from_what_it_is_told() -> None:
     table = two()
     table.throws("ann", 2.5, 0.0, 1.0)

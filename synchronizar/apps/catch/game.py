@@ -30,6 +30,11 @@ LIES_S = 8.0
 """s after which a ball that nobody picks up comes to who is nearest."""
 GONE_S = 3.0
 """s after which whoever holds it and is no longer registered loses it."""
+SMOOTHED_S = 0.3
+"""s over which everybody's velocity is smoothed."""
+LEAD_S = 1.5
+"""s for which somebody is taken to go on as before, at most."""
+STILL: Vector = (0.0, 0.0, 0.0)
 CARRIED_AT_M = 1.35
 """m above the floor, about: where people hold a phone."""
 
@@ -51,6 +56,8 @@ class Catch(Application):
         self._rally = self._best = 0
         self._caught: dict[str, int] = {}
         self._floor: float | None = None
+        self._walks: dict[str, tuple[Vector, Vector]] = {}
+        """Everybody's last place and velocity (m, m/s)."""
 
     def begin(self, stage: Stage) -> None:
         """Go on where the objects say that it is."""
@@ -74,7 +81,7 @@ class Catch(Application):
 
     def tick(self, stage: Stage) -> None:
         """Go on to now."""
-        t = stage.t
+        self._watch(stage)
         if self._floor is None and stage.players:
             heights = sorted(player.position[2] for player in stage.players.values())
             self._floor = heights[len(heights) // 2] - CARRIED_AT_M
@@ -86,7 +93,20 @@ class Catch(Application):
             self._lies(stage)
         if self._phase == "waits" and len(stage.players) >= 2:
             self._hand_to(stage, min(stage.players))
-        self._looked_at = t
+        self._looked_at = stage.t
+
+    def _watch(self, stage: Stage) -> None:
+        """How everybody walks, smoothed over a third of a second."""
+        dt = stage.t - self._looked_at
+        if dt <= 0.0:
+            return
+        share, walks = min(1.0, dt / SMOOTHED_S), {}
+        for name, player in stage.players.items():
+            place, before = self._walks.get(name, (player.position, STILL))
+            now = [(b - a) / dt for a, b in zip(place, player.position, strict=True)]
+            vx, vy, vz = (v + share * (n - v) for v, n in zip(before, now, strict=True))
+            walks[name] = player.position, (vx, vy, vz)
+        self._walks = walks
 
     def _held(self, stage: Stage) -> None:
         assert self._holder is not None
@@ -133,7 +153,11 @@ class Catch(Application):
 
     def _throw(self, stage: Stage, player: Player, velocity: Vector) -> None:
         hand = hand_of(player)
-        others = [hand_of(other) for name, other in stage.players.items() if name != player.name]
+        others = [
+            (hand_of(other), self._walks.get(name, (hand, STILL))[1])
+            for name, other in stage.players.items()
+            if name != player.name
+        ]
         self._flight = Flight(stage.t, hand, _helped(hand, velocity, others))
         self._phase, self._thrower, self._holder = "flies", player.name, None
         flown = {"t": stage.t, "position": hand, "velocity": self._flight.velocity}
@@ -177,18 +201,27 @@ def _looks_at(player: Player, place: Vector) -> bool:
     return length < 1e-6 or acos(max(-1.0, min(1.0, sum(map(float.__mul__, player.forward, to)) / length))) < AIM
 
 
-def _helped(hand: Vector, velocity: Vector, others: list[Vector]) -> Vector:
-    """A throw with a friendly speed, and to whoever it would nearly have come to."""
+def _helped(hand: Vector, velocity: Vector, others: list[tuple[Vector, Vector]]) -> Vector:
+    """A throw with a friendly speed, and to whoever it would nearly have come to: where that hand then is.
+
+    `others`: hands, and how they move.
+    """
     speed = hypot(*velocity)
     slowed = max(SLOWEST, min(FASTEST, speed))
     if speed < 1e-6:
         return 0.0, 0.0, slowed
     wanted = atan2(velocity[1], velocity[0])
-    ways = [(abs(wrap_angle(atan2(o[1] - hand[1], o[0] - hand[0]) - wanted)), o) for o in others]
+    ways = [(abs(wrap_angle(atan2(o[1] - hand[1], o[0] - hand[0]) - wanted)), o, walks) for o, walks in others]
     if hypot(velocity[0], velocity[1]) > 0.3 * speed and ways and min(ways)[0] < HELP:
-        goal = min(ways)[1]
-        reaching = (3.0 * hypot(goal[0] - hand[0], goal[1] - hand[1])) ** 0.5 + 0.5
-        return throw_to(hand, goal, max(slowed, min(FASTEST, reaching)))
+        _, there, walks = min(ways)
+        goal = there
+        for _ in range(3):
+            away = hypot(goal[0] - hand[0], goal[1] - hand[1])
+            thrown = throw_to(hand, goal, max(slowed, min(FASTEST, (3.0 * away) ** 0.5 + 0.5)))
+            flies = min(LEAD_S, away / max(1e-3, hypot(thrown[0], thrown[1])))
+            x, y, z = (p + v * flies for p, v in zip(there, walks, strict=True))
+            goal = x, y, z
+        return thrown
     x, y, z = (slowed / speed * v for v in velocity)
     return x, y, z
 

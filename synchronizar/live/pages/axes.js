@@ -74,6 +74,12 @@ export function deviceFromCommon({ x, y, z, yaw, scale }, up = "y") {
   return [...columns.flatMap((column) => [...own(column), 0]), ...own(origin), 1];
 }
 
+/** A point of the common frame, in a device's own axes. */
+export function deviceFromPoint(placing, [x, y, z], up = "y") {
+  const m = deviceFromCommon(placing, up);
+  return [0, 1, 2].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]);
+}
+
 /** A point of a device's own axes, in the common frame. */
 export function commonFromDevice(placing, point, up = "y") {
   const [px, py, pz] = (up === "y" ? zUpFromYUp(point) : point).map((v) => placing.scale * v);

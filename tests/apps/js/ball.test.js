@@ -3,7 +3,7 @@ import "./resolve.js";
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-const { GRAVITY, HAND_M, Shown, arc, flown, handOf, swing, thrown, words } = await import(
+const { GRAVITY, HAND_M, Shown, arc, flown, handOf, swing, thrown, wayTo, words } = await import(
   "../../../synchronizar/apps/catch/pages/ball.js"
 );
 const told = JSON.parse(process.env.CATCH);
@@ -61,6 +61,14 @@ test("a throw goes where the phone looks, faster with a swing, and up a little",
   near(thrown([0, 0, 0, 1], [0, 0, 0], [0, 1, 0]), [0, 1, -2]);
   const [, up, ahead] = thrown([0, 0, 0, 1], [0, 0, -3], [0, 1, 0]);
   assert.ok(ahead < -5 && up === 1);
+});
+
+test("a way is told as who looks there sees it", () => {
+  const ahead = [0, 0, 0, 1]; // looks along -z, x is to the right
+  assert.equal(wayTo([0, 0, 0], ahead, [0, -1, -2]), "2 m ahead");
+  assert.equal(wayTo([0, 0, 0], ahead, [3, 0, 0]), "3 m to your right");
+  assert.equal(wayTo([0, 0, 0], ahead, [-3, 0, -1]), "3 m to your left");
+  assert.equal(wayTo([1, 0, 0], ahead, [1, 0, 0.2]), "1 m behind you");
 });
 
 test("everybody reads what to do", () => {

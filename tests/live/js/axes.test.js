@@ -23,6 +23,7 @@ test("the matrix of the common frame takes back what the frame does", () => {
     const m = axes.deviceFromCommon(placing, up);
     const [x, y, z] = axes.commonFromDevice(placing, [0.3, -2, 5], up);
     near([0, 1, 2].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]), [0.3, -2, 5]);
+    near(axes.deviceFromPoint(placing, [x, y, z], up), [0.3, -2, 5]);
   }
 });
 

@@ -82,12 +82,22 @@ export function thrown(quat_xyzw, swung, vertical) {
   return forward.map((v, i) => GENTLE * v + OF_SWING * swung[i] + LOFT * vertical[i]);
 }
 
-/** What a player reads: {rally, best, line}. */
-export function words(score, ball, name) {
+/** Where a place is for who looks so, in words: "2 m to your left". In axes that have y up. */
+export function wayTo(position, quat_xyzw, place) {
+  const [dx, , dz] = place.map((v, i) => v - position[i]);
+  const [fx, , fz] = turned(quat_xyzw, [0, 0, -1]);
+  const metres = Math.max(1, Math.round(Math.hypot(dx, dz)));
+  const left = Math.atan2(fx * -dz + fz * dx, fx * dx + fz * dz);
+  const side = Math.abs(left) < Math.PI / 5 ? "ahead" : Math.abs(left) > (4 * Math.PI) / 5 ? "behind you" : left > 0 ? "to your left" : "to your right";
+  return `${metres} m ${side}`;
+}
+
+/** What a player reads: {rally, best, line}; `way`: to the ball. */
+export function words(score, ball, name, way = "") {
   const { rally = 0, best = 0 } = score?.data ?? {};
   if (!ball) return { rally, best, line: "The game begins when two are in place." };
   const { phase, by } = ball.data;
-  if (phase === "lies") return { rally, best, line: "The ball lies on the floor. Walk to it." };
+  if (phase === "lies") return { rally, best, line: `The ball lies on the floor${way ? `, ${way}` : ""}. Walk up to it.` };
   if (phase === "flies") return { rally, best, line: by === name ? "" : `${by} has thrown. Look at the ball.` };
   return { rally, best, line: by === name ? "You have the ball. Hold, swing and let go." : `${by} has the ball.` };
 }

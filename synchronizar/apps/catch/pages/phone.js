@@ -10,10 +10,10 @@ import {
   SphereGeometry,
 } from "../../pages/vendor/three/three.module.min.js";
 
-import { commonFromDevice } from "../../pages/axes.js";
+import { commonFromDevice, deviceFromPoint } from "../../pages/axes.js";
 import { element, say } from "../../pages/dom.js";
 import { Sound } from "../../pages/sound.js";
-import { BALL, SCORE, Shown, arc, flown, handOf, swing, thrown, words } from "./ball.js";
+import { BALL, SCORE, Shown, arc, flown, handOf, swing, thrown, wayTo, words } from "./ball.js";
 import { soundOf } from "./sounds.js";
 
 const RADIUS_M = 0.09;
@@ -59,7 +59,7 @@ class Layer {
   update(dt, roomTime) {
     const { client, name, registered } = this.#place;
     const [ball, score] = [client.objects.get(BALL), client.objects.get(SCORE)];
-    const told = words(score, ball, name);
+    const told = words(score, ball, name, this.#way());
     const mine = ball?.data.phase === "held" && ball.data.by === name;
     say(this.#score, ball || told.best ? `Rally ${told.rally} · Best ${told.best}` : "");
     say(this.#line, registered() ? told.line : "");
@@ -79,6 +79,14 @@ class Layer {
       const points = arc(ball.data, roomTime, score.data.floor);
       this.#arc.geometry.setAttribute("position", new Float32BufferAttribute(points.flat(), 3));
     }
+  }
+
+  /** To the ball as it is drawn, in words. */
+  #way() {
+    const { frame, own } = this.#place;
+    const here = own();
+    if (!this.at || !here || !frame.placing) return "";
+    return wayTo(here.position, here.quat_xyzw, deviceFromPoint(frame.placing, this.at));
   }
 
   end() {

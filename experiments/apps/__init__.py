@@ -1,0 +1,1 @@
+"""Applications, as whole games."""
