@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import atan2
 from typing import Any, NamedTuple
 
 import msgspec
@@ -32,6 +33,11 @@ class Player(NamedTuple):
         if self.up == "y":
             return -2.0 * (x * z + w * y), -2.0 * (y * z - w * x), 2.0 * (x * x + y * y) - 1.0
         return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+
+
+def heading_of(forward: m.Vector) -> float:
+    """Angle (rad) in the plane of the common frame."""
+    return atan2(forward[1], forward[0])
 
 
 class Stage:

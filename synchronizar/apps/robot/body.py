@@ -1,0 +1,128 @@
+"""What moves: a simulated robot, or a real one by rosbridge. Both take twists and have odometry."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, NamedTuple, Protocol
+
+import aiohttp
+import msgspec
+
+from synchronizar.apps.robot.drive import Drive, Twist
+from synchronizar.errors import InputError
+from synchronizar.live.messages import Quaternion, Vector
+from synchronizar.quaternions import yaw_quaternion
+
+_STEP_S = 0.01
+
+
+class Odometry(NamedTuple):
+    """Of a robot, x forwards and z up, in its own frame."""
+
+    t: float
+    """s, by this program's clock."""
+    position: Vector
+    quat_xyzw: Quaternion
+
+
+class Body(Protocol):
+    """A robot that can be driven."""
+
+    def odometry(self) -> Odometry | None:
+        """The newest; None before the first."""
+
+    async def command(self, twist: Twist) -> None:
+        """What it shall do from now on, until it is told again."""
+
+    async def close(self) -> None:
+        """Nothing more is commanded."""
+
+
+class SimulatedBody:
+    """A robot of arithmetic, by some clock."""
+
+    def __init__(self, drive: Drive, clock: Callable[[], float] = time.time) -> None:
+        self.drive = drive
+        self._clock, self._t = clock, clock()
+
+    def odometry(self) -> Odometry:
+        """Goes on to now, and says where that is."""
+        now = self._clock()
+        while self._t + _STEP_S <= now:
+            self.drive.step(_STEP_S)
+            self._t += _STEP_S
+        x, y, heading = self.drive.odometry
+        qx, qy, qz, qw = yaw_quaternion(heading).tolist()
+        return Odometry(self._t, (x, y, 0.0), (qx, qy, qz, qw))
+
+    async def command(self, twist: Twist) -> None:
+        """From now on."""
+        self.drive.command(twist)
+
+    async def close(self) -> None:
+        """It stands where it is."""
+
+
+class RosbridgeBody:
+    """A robot with ROS, by rosbridge's WebSocket: nav_msgs/Odometry comes, geometry_msgs/Twist goes."""
+
+    def __init__(
+        self, session: aiohttp.ClientSession, socket: aiohttp.ClientWebSocketResponse, twist_topic: str, clock: Any
+    ) -> None:
+        self._session, self._socket, self._twist_topic, self._clock = session, socket, twist_topic, clock
+        self._newest: Odometry | None = None
+
+    @classmethod
+    async def connect(
+        cls,
+        address: str,
+        odometry_topic: str = "/odom",
+        twist_topic: str = "/cmd_vel",
+        clock: Callable[[], float] = time.time,
+    ) -> RosbridgeBody:
+        """`address`: ws://robot:9090. Raises InputError where nobody answers there."""
+        session = aiohttp.ClientSession()
+        try:
+            socket = await session.ws_connect(address, heartbeat=5.0)
+        except (aiohttp.ClientError, OSError, ValueError) as error:
+            await session.close()
+            raise InputError(address, f"no rosbridge answers: {error}") from error
+        await socket.send_json({"op": "advertise", "topic": twist_topic, "type": "geometry_msgs/Twist"})
+        await socket.send_json({"op": "subscribe", "topic": odometry_topic, "type": "nav_msgs/Odometry"})
+        return cls(session, socket, twist_topic, clock)
+
+    async def hear(self) -> None:
+        """Take odometry as it comes, until the connection ends."""
+        async for word in self._socket:
+            if word.type is aiohttp.WSMsgType.TEXT:
+                with suppress(msgspec.DecodeError, KeyError, TypeError, ValueError):
+                    self._take(msgspec.json.decode(word.data))
+
+    def _take(self, word: Any) -> None:
+        if word["op"] != "publish":
+            return
+        pose = word["msg"]["pose"]["pose"]
+        p, q = pose["position"], pose["orientation"]
+        position = float(p["x"]), float(p["y"]), float(p["z"])
+        quat = float(q["x"]), float(q["y"]), float(q["z"]), float(q["w"])
+        # Its stamp is by the robot's own clock; what came is as old as the network is slow.
+        self._newest = Odometry(self._clock(), position, quat)
+
+    def odometry(self) -> Odometry | None:
+        """The newest."""
+        return self._newest
+
+    async def command(self, twist: Twist) -> None:
+        """Raises ConnectionError where rosbridge has gone."""
+        zero = {"x": 0.0, "y": 0.0, "z": 0.0}
+        message = {"linear": zero | {"x": twist.linear}, "angular": zero | {"z": twist.angular}}
+        await self._socket.send_json({"op": "publish", "topic": self._twist_topic, "msg": message})
+
+    async def close(self) -> None:
+        """The robot stops: its last command is none."""
+        with suppress(ConnectionError):
+            await self.command(Twist(0.0, 0.0))
+        await self._socket.close()
+        await self._session.close()

@@ -1,0 +1,110 @@
+"""A robot in a room: a device like any other, which drives by what the room says."""
+
+from __future__ import annotations
+
+import asyncio
+from math import inf
+
+from synchronizar.apps.robot.body import Body, Odometry
+from synchronizar.apps.robot.drive import STOP, Ground, Twist
+from synchronizar.apps.robot.game import order_id
+from synchronizar.apps.robot.mirror import Mirror
+from synchronizar.apps.robot.pilot import Pilot
+from synchronizar.live import messages as m
+from synchronizar.live.client import Client
+from synchronizar.live.peer_placing import placed, told_frame
+from synchronizar.live.pose_wire import PoseDown, PosesDown
+from synchronizar.live.stage import Player, heading_of
+
+BEAT_S = 1.0 / 30.0
+OFFERED_EVERY_S = 2.0
+
+
+class RobotClient:
+    """Joins a body and a room."""
+
+    def __init__(self, client: Client, name: str, body: Body) -> None:
+        self._client, self._name, self._body = client, name, body
+        self.pilot = Pilot()
+        self.asked: Twist | None = None
+        """What it was told last; None while it has no orders, and whoever else drives it is left alone."""
+
+    async def run(self) -> None:
+        """Until the room ends the connection; the robot then stands still."""
+        offering, driving = asyncio.create_task(self._offer()), asyncio.create_task(self._drive())
+        try:
+            async for word in self._client.messages():
+                self.hear(word)
+        finally:
+            offering.cancel()
+            driving.cancel()
+            await self._body.command(STOP)
+
+    def hear(self, word: m.FromRoom | PosesDown) -> None:
+        """Something that the room says."""
+        if isinstance(word, PosesDown):
+            self._see(word)
+        elif isinstance(word, m.Objects):
+            self._obey()
+
+    def _see(self, poses: PosesDown) -> None:
+        names = {member.index: member for member in self._client.members.values()}
+        frames = self._client.frames.users
+        for pose in poses.poses:
+            member = names.get(pose.member)
+            if member is None:
+                continue
+            told = frames.get(member.name)
+            sigma = inf if told is None or told.sigma is None else told.sigma
+            t = poses.t - pose.age
+            if member.name == self._name:
+                self.pilot.own(poses.t, pose.state, sigma)
+            elif not member.static:
+                self.pilot.person(t, member.name, _ground(pose, member), min(sigma, 1.0))
+
+    def _obey(self) -> None:
+        order = self._client.objects.get(order_id(self._name))
+        data = {} if order is None else order.data
+        pilot = self.pilot
+        pilot.whom = data.get("whom")
+        pilot.mirror = Mirror(*data["mirror"]) if data.get("do") == "mirror" else None
+
+    async def _offer(self) -> None:
+        """Until the application knows of it: that may be begun later, or again."""
+        while True:
+            if order_id(self._name) not in self._client.objects:
+                await self._client.say_message(m.Say("robot", None, m.APP))
+            await asyncio.sleep(OFFERED_EVERY_S)
+
+    async def _drive(self) -> None:
+        last = -inf
+        while True:
+            odometry = self._body.odometry()
+            if odometry is not None and odometry.t > last:
+                last = odometry.t
+                await self._client.send_pose(self._name, odometry.t, odometry.position, odometry.quat_xyzw)
+            before, self.asked = self.asked, self.decide(odometry)
+            if self.asked is not None:
+                await self._body.command(self.asked)
+            elif before is not None:
+                await self._body.command(STOP)
+            await asyncio.sleep(BEAT_S)
+
+    def decide(self, odometry: Odometry | None) -> Twist | None:
+        """The command now; None without orders."""
+        if self.pilot.whom is None:
+            return None
+        offset, member = self._client.offset, self._client.members.get(self._name)
+        if odometry is None or offset is None or member is None:
+            return STOP
+        frame = told_frame(self._client.frames.users.get(self._name), "z", member.frame)
+        if frame is None:
+            return STOP
+        position, quat = placed(frame, odometry.position, odometry.quat_xyzw)
+        at = Ground(position[0], position[1], heading_of(Player(self._name, position, quat, "z").forward))
+        return self.pilot.twist(odometry.t + offset, at)
+
+
+def _ground(pose: PoseDown, member: m.Member) -> Ground:
+    x, y, _ = pose.position
+    return Ground(x, y, heading_of(Player(member.name, pose.position, pose.quat_xyzw, member.up).forward))
