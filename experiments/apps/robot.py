@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.live.room import CRYSTAL_PPM, STAMP_SIGMA, block, listen, module_key, own_axes, place_at, up_of
+from experiments.live.room import STAMP_SIGMA, Walkers, block, carry, listen, module_key, place_at, up_of
 from experiments.live.walkers import server
 from synchronizar.apps.robot.__main__ import SETTINGS
 from synchronizar.apps.robot.body import SimulatedBody
@@ -28,7 +28,7 @@ from synchronizar.geometry import wrap_angle
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client
 from synchronizar.quaternions import yaw_of_quaternions
-from synchronizar.simulation.live_air import Carried, LiveAir
+from synchronizar.simulation.live_air import LiveAir
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
@@ -44,9 +44,7 @@ JUDGED_AFTER_S = 4.0
 
 async def run(simulation: Simulation, address: str, udp_port: int, seed: int) -> dict[str, Any]:
     """Where everybody was in truth, while the robot mirrored."""
-    random = np.random.default_rng(seed)
     names = [user.name for user in simulation.recording.users]
-    own = {name: own_axes(simulation, name) for name in names}
     out: dict[str, Any] = {"registered": None, "images": [], "nearest": float("inf"), "way": 0.0}
     async with AsyncExitStack() as stack:
         clients = {
@@ -56,24 +54,17 @@ async def run(simulation: Simulation, address: str, udp_port: int, seed: int) ->
         clients[ROBOT] = await stack.enter_async_context(await Client.join(address, {ROBOT: SETTINGS}))
         keys = {name: await module_key(client, name, n) for n, (name, client) in enumerate(clients.items())}
         air = stack.enter_context(LiveAir(next(iter(keys.values())).session, udp_port, seed, stamp_sigma=STAMP_SIGMA))
-        for key in keys.values():
-            radio, board = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
-            air.add(key.address, Carried(bytes.fromhex(key.key), radio, board))
+        carry(air, keys, seed)
         block(air, simulation, keys)
+        walkers = Walkers(simulation, clients, keys, air)
         drive = Drive(STARTS, seed)
         body = SimulatedBody(drive)
         robot = RobotClient(clients[ROBOT], ROBOT, body)
         tasks = [asyncio.create_task(listen(clients[name])) for name in names]
         tasks.append(asyncio.create_task(robot.run()))
-        began, said, mirror = time.time(), dict.fromkeys(names, 0), None
+        began, mirror = time.time(), None
         while (t := time.time() - began) < simulation.scene.seconds:
-            for name in names:
-                track, (position, quat) = simulation.recording.tracks[name], own[name]
-                upto = int(np.searchsorted(track.t, t, side="right"))
-                rows = range(said[name], upto)
-                await clients[name].send_poses([(name, began + track.t[i], position[i], quat[i]) for i in rows])
-                said[name] = upto
-                air.place(keys[name].address, t, place_at(simulation.truth[name], t))
+            await walkers.go_on(began, t)
             air.place(keys[ROBOT].address, t, np.array([drive.truth.x, drive.truth.y, RADIO_M]))
             before = drive.truth
             body.odometry()

@@ -83,9 +83,7 @@ def drifting(users: int, seconds: float, seed: int, late_share: float = 0.0) -> 
 
 async def walk_in_room(simulation: Simulation, address: str, udp_port: int, seed: int) -> list[Seen]:
     """All devices of a walk join a room, each by a connection of its own, and walk in it as it was simulated."""
-    random = np.random.default_rng(seed)
     names = [user.name for user in simulation.recording.users]
-    own = {name: own_axes(simulation, name) for name in names}
     async with AsyncExitStack() as stack:
         clients = {
             name: await stack.enter_async_context(await Client.join(address, [name], up=up_of(simulation, name)))
@@ -93,27 +91,48 @@ async def walk_in_room(simulation: Simulation, address: str, udp_port: int, seed
         }
         keys = {name: await module_key(client, name, n) for n, (name, client) in enumerate(clients.items())}
         air = stack.enter_context(LiveAir(next(iter(keys.values())).session, udp_port, seed, stamp_sigma=STAMP_SIGMA))
-        for key in keys.values():
-            radio, board = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
-            air.add(key.address, Carried(bytes.fromhex(key.key), radio, board))
+        carry(air, keys, seed)
         block(air, simulation, keys)
+        walkers = Walkers(simulation, clients, keys, air)
         began = time.time()
         seen: list[Seen] = []
         watching = asyncio.create_task(_watch(clients[names[0]], simulation, began, seen))
         others = [asyncio.create_task(listen(clients[name])) for name in names[1:]]
-        said = dict.fromkeys(names, 0)
         while (t := time.time() - began) < simulation.scene.seconds:
-            for name in names:
-                track, (position, quat) = simulation.recording.tracks[name], own[name]
-                upto = int(np.searchsorted(track.t, t, side="right"))
-                rows = range(said[name], upto)
-                await clients[name].send_poses([(name, began + track.t[i], position[i], quat[i]) for i in rows])
-                said[name] = upto
-                air.place(keys[name].address, t, place_at(simulation.truth[name], t))
+            await walkers.go_on(began, t)
             await asyncio.sleep(TICK_S)
         for task in (watching, *others):
             task.cancel()
         return seen
+
+
+class Walkers:
+    """Those of a simulation who walk in a room: SLAM's poses go there, and their modules where they are in truth."""
+
+    def __init__(
+        self, simulation: Simulation, clients: Mapping[str, Client], keys: Mapping[str, m.ModuleKey], air: LiveAir
+    ) -> None:
+        self._simulation, self._clients, self._keys, self._air = simulation, clients, keys, air
+        self._own = {user.name: own_axes(simulation, user.name) for user in simulation.recording.users}
+        self._said = dict.fromkeys(self._own, 0)
+
+    async def go_on(self, began: float, t: float) -> None:
+        """To `t` (s) of a walk whose t = 0 is at `began`, s since 1970."""
+        for name, (position, quat) in self._own.items():
+            track = self._simulation.recording.tracks[name]
+            upto = int(np.searchsorted(track.t, t, side="right"))
+            rows = range(self._said[name], upto)
+            await self._clients[name].send_poses([(name, began + track.t[i], position[i], quat[i]) for i in rows])
+            self._said[name] = upto
+            self._air.place(self._keys[name].address, t, place_at(self._simulation.truth[name], t))
+
+
+def carry(air: LiveAir, keys: Mapping[str, m.ModuleKey], seed: int) -> None:
+    """A module for each device, with crystals of its own."""
+    random = np.random.default_rng(seed)
+    for key in keys.values():
+        radio, board = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
+        air.add(key.address, Carried(bytes.fromhex(key.key), radio, board))
 
 
 async def _watch(client: Client, simulation: Simulation, began: float, seen: list[Seen]) -> None:
