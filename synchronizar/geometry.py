@@ -148,6 +148,21 @@ def rotation_2d(yaw: float) -> Array:
     return np.array([[c, -s], [s, c]])
 
 
+def frame_between(points_a: Array, points_b: Array, weight: Array) -> YawFrame:
+    """`a_from_b`, z up and of scale 1, by least squares of the same points (n, 3) in both, with weights (n,) of sum 1.
+
+    The closed form of Umeyama (Least-squares estimation of transformation parameters between two point patterns, IEEE
+    PAMI 1991) in the plane; heights are fitted by their means.
+    """
+    mean_a, mean_b = weight @ points_a, weight @ points_b
+    a, b = points_a - mean_a, points_b - mean_b
+    dot = weight @ (b[:, 0] * a[:, 0] + b[:, 1] * a[:, 1])
+    cross = weight @ (b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0])
+    yaw = float(np.arctan2(cross, dot))
+    x, y = (mean_a[:2] - rotation_2d(yaw) @ mean_b[:2]).tolist()
+    return YawFrame(x, y, float(mean_a[2] - mean_b[2]), yaw)
+
+
 def relative_to(frames: Array, reference: int) -> Array:
     """(k, 4) x, y, z, yaw: frames (k, 4) as seen from the one at index `reference`."""
     x, y, z, yaw = frames[reference]

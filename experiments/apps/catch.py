@@ -25,7 +25,7 @@ import numpy as np
 from experiments.live import browser
 from experiments.live.walkers import server, walk
 from synchronizar.apps.catch.flight import Flight
-from synchronizar.apps.catch.game import BALL, SCORE, hand_of
+from synchronizar.apps.catch.game import BALL, SCORE
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
@@ -242,7 +242,7 @@ def hand(simulation: Simulation, name: str, t: float) -> Array:
     track: Track = simulation.truth[name]
     row = int(np.searchsorted(track.t, t).clip(0, len(track.t) - 1))
     place = np.array([np.interp(t, track.t, axis) for axis in track.position.T])
-    return np.array(hand_of(Player(name, tuple(place.tolist()), tuple(track.quat_xyzw[row].tolist()), "z")))
+    return np.array(Player(name, tuple(place.tolist()), tuple(track.quat_xyzw[row].tolist()), "z").hand)
 
 
 def p95(values: list[float]) -> float:

@@ -20,12 +20,12 @@ _BEAT_S = 0.04
 
 @contextmanager
 def server(*options: str) -> Iterator[dict[str, Any]]:
-    """A server on this machine alone, and what it says of itself once it listens."""
+    """A server on this machine alone: what it says of itself once it listens, and the number of its process."""
     words = ["serve", "--host", "127.0.0.1", "--port", "0", "--udp-port", "0", "--json", *options]
     process = subprocess.Popen([sys.executable, "-m", "synchronizar", *words], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
-        yield json.loads(process.stdout.readline())
+        yield json.loads(process.stdout.readline()) | {"pid": process.pid}
     finally:
         process.terminate()
         try:

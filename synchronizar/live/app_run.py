@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 import aiohttp
 import msgspec
@@ -28,6 +29,8 @@ class Place(msgspec.Struct):
     secret: str
     certificate_sha256: str | None
     """In hex; None without TLS."""
+    folder: str = "."
+    """For its files."""
 
 
 async def run(app: Application, place: Place) -> None:
@@ -35,7 +38,7 @@ async def run(app: Application, place: Place) -> None:
     pinned = None if place.certificate_sha256 is None else bytes.fromhex(place.certificate_sha256)
     verify = None if pinned is None else aiohttp.Fingerprint(pinned)
     async with await Client.join(place.address, app=place.secret, verify=verify) as client:
-        stage = Stage(client.welcome)
+        stage = Stage(client.welcome, Path(place.folder))
         app.begin(stage)
         async for word in client.messages():
             hear(app, stage, word)

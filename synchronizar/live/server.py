@@ -23,7 +23,7 @@ from synchronizar.errors import InputError
 from synchronizar.live.app_process import AppProcess
 from synchronizar.live.app_run import Place
 from synchronizar.live.applications import application
-from synchronizar.live.certificates import own_addresses, server_context
+from synchronizar.live.certificates import own_addresses, server_context, state_folder
 from synchronizar.live.connection import serve_link
 from synchronizar.live.lobby import Lobby, new_code
 from synchronizar.live.loop_lag import LoopLag
@@ -218,7 +218,8 @@ class Server:
             host.resume(roster)
         self.lobby.add(room)
         if room.app is not None:
-            place = Place(self._own_address(room.code), room.app_secret, self._certificate_sha256)
+            files = (self.options.record or state_folder()) / "apps" / room.app
+            place = Place(self._own_address(room.code), room.app_secret, self._certificate_sha256, str(files))
             host.begin_app(AppProcess(room.app, place, room.event))
         return room
 

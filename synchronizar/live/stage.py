@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import atan2
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
@@ -12,6 +13,8 @@ from synchronizar.live.pose_wire import PosesDown
 
 _FRESH_S = 1.0
 """s: who has said no pose for longer is not where it was."""
+HAND_M = 0.35
+"""m in front of a device: where what it holds is."""
 UPRIGHT: m.Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -34,6 +37,12 @@ class Player(NamedTuple):
             return -2.0 * (x * z + w * y), -2.0 * (y * z - w * x), 2.0 * (x * x + y * y) - 1.0
         return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
 
+    @property
+    def hand(self) -> m.Vector:
+        """m, common frame: a little in front of it, where what it holds is."""
+        (x, y, z), (fx, fy, fz) = self.position, self.forward
+        return x + HAND_M * fx, y + HAND_M * fy, z + HAND_M * fz
+
 
 def heading_of(forward: m.Vector) -> float:
     """Angle (rad) in the plane of the common frame."""
@@ -43,7 +52,9 @@ def heading_of(forward: m.Vector) -> float:
 class Stage:
     """The room as it is, and words for it: they are gathered, and whoever runs the application sends them."""
 
-    def __init__(self, welcome: m.Welcome) -> None:
+    def __init__(self, welcome: m.Welcome, folder: Path = Path()) -> None:
+        """`folder`: of the application's own, where it may keep files; it need not be there yet."""
+        self.folder = folder
         self.t = welcome.t
         """s, the room's clock at the newest poses."""
         self.frames = welcome.frames

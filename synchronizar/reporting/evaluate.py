@@ -16,7 +16,7 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
-from synchronizar.geometry import YawFrame, rotation_2d, wrap_angle
+from synchronizar.geometry import YawFrame, frame_between, wrap_angle
 from synchronizar.io.recording_toml import Settings, read_recording_toml
 from synchronizar.io.registration_reader import read_reference
 from synchronizar.io.tum import read_tum
@@ -159,14 +159,7 @@ def align(users: list[Matched]) -> YawFrame:
     estimated = np.concatenate([m.estimated for m in users])
     true = np.concatenate([m.true for m in users])
     weight = np.concatenate([np.full(len(m.true), 1.0 / len(m.true)) for m in users]) / len(users)
-
-    mean_estimated, mean_true = weight @ estimated, weight @ true
-    e, t = estimated - mean_estimated, true - mean_true
-    dot = weight @ (e[:, 0] * t[:, 0] + e[:, 1] * t[:, 1])
-    cross = weight @ (e[:, 0] * t[:, 1] - e[:, 1] * t[:, 0])
-    yaw = float(np.arctan2(cross, dot))
-    x, y = (mean_true[:2] - rotation_2d(yaw) @ mean_estimated[:2]).tolist()
-    return YawFrame(x, y, float(mean_true[2] - mean_estimated[2]), yaw)
+    return frame_between(true, estimated, weight)
 
 
 def _rmse(world_from_common: YawFrame, matched: Matched) -> tuple[float, float]:

@@ -6,11 +6,11 @@ import pytest
 
 from synchronizar.apps.catch import game
 from synchronizar.apps.catch.flight import GRAVITY, Flight
-from synchronizar.apps.catch.game import BALL, SCORE, Catch, hand_of
+from synchronizar.apps.catch.game import BALL, SCORE, Catch
 from synchronizar.live import messages as m
 from synchronizar.live.app_run import hear
 from synchronizar.live.pose_wire import PoseDown, PosesDown
-from synchronizar.live.stage import Player, Stage
+from synchronizar.live.stage import HAND_M, Player, Stage
 
 STEP = 1.0 / 30.0
 HALF = sqrt(0.5)
@@ -68,13 +68,13 @@ def two() -> Table:
 
 
 def test_a_phone_that_looks_along_x_holds_its_ball_there() -> None:
-    assert hand_of(Player("ann", (1.0, 2.0, 3.0), ALONG_X, "y")) == pytest.approx((1.0 + game.HAND_M, 2.0, 3.0))
-    assert hand_of(Player("bob", (1.0, 2.0, 3.0), AGAINST_X, "y")) == pytest.approx((1.0 - game.HAND_M, 2.0, 3.0))
+    assert Player("ann", (1.0, 2.0, 3.0), ALONG_X, "y").hand == pytest.approx((1.0 + HAND_M, 2.0, 3.0))
+    assert Player("bob", (1.0, 2.0, 3.0), AGAINST_X, "y").hand == pytest.approx((1.0 - HAND_M, 2.0, 3.0))
 
 
 def test_a_robot_holds_its_ball_in_front_of_it() -> None:
     quarter_left = (0.0, 0.0, HALF, HALF)
-    assert hand_of(Player("robot", (0.0, 0.0, 0.0), quarter_left, "z")) == pytest.approx((0.0, game.HAND_M, 0.0))
+    assert Player("robot", (0.0, 0.0, 0.0), quarter_left, "z").hand == pytest.approx((0.0, HAND_M, 0.0))
 
 
 def test_nobody_has_a_ball_until_two_are_registered() -> None:
@@ -106,7 +106,7 @@ def test_a_throw_to_somebody_who_walks_comes_where_that_hand_will_be() -> None:
     table.go_on()
     flight = Flight(table.ball.data["t"], table.ball.data["position"], table.ball.data["velocity"])
     passes = min(
-        dist(flight.at(flight.t + s), (3.0 - game.HAND_M, 0.58 + 0.6 * s, 0.0)) for s in [0.01 * n for n in range(250)]
+        dist(flight.at(flight.t + s), (3.0 - HAND_M, 0.58 + 0.6 * s, 0.0)) for s in [0.01 * n for n in range(250)]
     )
     assert passes < 0.1
 
@@ -118,21 +118,19 @@ def test_every_page_can_work_out_the_same_arc_from_what_it_is_told() -> None:
     told = table.ball.data
     assert table.ball.velocity == told["velocity"]
     flight = Flight(told["t"], told["position"], told["velocity"])
-    hand = hand_of(table.stage.players["ann"])
+    hand = table.stage.players["ann"].hand
     assert flight.at(told["t"]) == pytest.approx(hand)
-    bob = hand_of(table.stage.players["bob"])
+    bob = table.stage.players["bob"].hand
     assert flight.nearest(bob, told["t"], told["t"] + 3.0)[1] < 1e-3  # a throw that nearly comes to somebody does
 
 
 @pytest.mark.parametrize("looks", [True, False])
 def test_a_ball_that_passes_at_half_a_metre_is_caught_by_who_looks_at_it_alone(looks: bool) -> None:
     table = two()
-    falls, miss = game.HAND_M + 1.2, 0.52
+    falls, miss = HAND_M + 1.2, 0.52
     hand = falls + miss
     assert game.BLIND_REACH_M < miss < game.REACH_M
-    table.players["bob"] = (
-        ((hand + game.HAND_M, 0.0, 0.0), AGAINST_X) if looks else ((hand - game.HAND_M, 0.0, 0.0), ALONG_X)
-    )
+    table.players["bob"] = ((hand + HAND_M, 0.0, 0.0), AGAINST_X) if looks else ((hand - HAND_M, 0.0, 0.0), ALONG_X)
     table.go_on()
     table.throws("ann", 1.2 * GRAVITY / (2.0 * 5.0), 0.0, 5.0)  # so steep that nobody is meant
     table.go_on(4.0)
@@ -182,7 +180,7 @@ def test_a_third_plays_from_the_moment_it_is_registered() -> None:
 
 
 def toward(table: Table, name: str) -> tuple[float, float, float]:
-    begin, goal = (hand_of(table.stage.players[n]) for n in (table.ball.data["by"], name))
+    begin, goal = (table.stage.players[n].hand for n in (table.ball.data["by"], name))
     d = dist(begin, goal)
     return 3.0 * (goal[0] - begin[0]) / d, 3.0 * (goal[1] - begin[1]) / d, 1.0
 

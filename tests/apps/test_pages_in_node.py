@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from synchronizar.apps.catch.flight import GRAVITY, Flight
-from synchronizar.apps.catch.game import HAND_M, hand_of
-from synchronizar.live.stage import Player
+from synchronizar.live.stage import HAND_M, Player
 
 TESTS = sorted((Path(__file__).parent / "js").glob("*.test.js"))
 
@@ -32,7 +31,7 @@ def catch_vectors() -> dict[str, Any]:
         quat /= np.linalg.norm(quat)
         for up in "yz":
             player = Player("ann", tuple(position), tuple(quat.tolist()), up)
-            hands.append({"position": position, "quat_xyzw": quat.tolist(), "up": up, "at": hand_of(player)})
+            hands.append({"position": position, "quat_xyzw": quat.tolist(), "up": up, "at": player.hand})
     return {"gravity": GRAVITY, "hand": HAND_M, "flights": flights, "hands": hands}
 
 

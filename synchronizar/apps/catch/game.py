@@ -14,8 +14,6 @@ from synchronizar.live.stage import Player, Stage
 BALL, SCORE = "catch ball", "catch score"
 SLOWEST, FASTEST = 1.5, 8.0
 """m/s."""
-HAND_M = 0.35
-"""m in front of a device: where its ball is held."""
 REACH_M, BLIND_REACH_M = 0.7, 0.35
 """m from a hand: so near a ball is caught by who looks at it, and by who does not."""
 AIM = pi / 4.0
@@ -128,7 +126,7 @@ class Catch(Application):
                 begin = max(begin, flight.t + OWN_THROW_S)
             if begin > end:
                 continue
-            when, near = flight.nearest(hand_of(player), begin, end)
+            when, near = flight.nearest(player.hand, begin, end)
             if near <= (REACH_M if _looks_at(player, flight.at(when)) else BLIND_REACH_M):
                 reached.append((when, name))
         if reached:
@@ -152,9 +150,9 @@ class Catch(Application):
             self._hand_to(stage, near[0][1])
 
     def _throw(self, stage: Stage, player: Player, velocity: Vector) -> None:
-        hand = hand_of(player)
+        hand = player.hand
         others = [
-            (hand_of(other), self._walks.get(name, (hand, STILL))[1])
+            (other.hand, self._walks.get(name, (hand, STILL))[1])
             for name, other in stage.players.items()
             if name != player.name
         ]
@@ -167,9 +165,9 @@ class Catch(Application):
         self._phase, self._holder, self._flight, self._since = "held", name, None, stage.t
         data = {"phase": "held", "by": name}
         if BALL in stage.objects:
-            stage.move(BALL, hand_of(stage.players[name]), data=data)
+            stage.move(BALL, stage.players[name].hand, data=data)
         else:
-            stage.create(BALL, BALL, hand_of(stage.players[name]), data=data)
+            stage.create(BALL, BALL, stage.players[name].hand, data=data)
         self._tell(stage)
 
     def _wait_or_hand_on(self, stage: Stage) -> None:
@@ -187,12 +185,6 @@ class Catch(Application):
             stage.move(SCORE, data=data)
         else:
             stage.create(SCORE, SCORE, (0.0, 0.0, 0.0), data=data)
-
-
-def hand_of(player: Player) -> Vector:
-    """Where a device's ball is held, in the common frame."""
-    (x, y, z), (fx, fy, fz) = player.position, player.forward
-    return x + HAND_M * fx, y + HAND_M * fy, z + HAND_M * fz
 
 
 def _looks_at(player: Player, place: Vector) -> bool:

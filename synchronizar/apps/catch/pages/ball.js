@@ -7,7 +7,7 @@ export const BALL = "catch ball";
 export const SCORE = "catch score";
 /** m/s^2, as in flight.py. */
 export const GRAVITY = 4;
-/** m in front of a device, as in game.py. */
+/** m in front of a device, as in synchronizar/live/stage.py. */
 export const HAND_M = 0.35;
 /** s in which a page that has shown it elsewhere comes back to where it is. */
 const SETTLING_S = 0.12;
