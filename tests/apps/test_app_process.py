@@ -27,10 +27,11 @@ def test_catch_runs_in_a_room_whose_devices_a_recording_plays() -> None:
     async def test() -> None:
         async with serving(app="catch") as (_, address), await Client.join(address) as looks:
             assert looks.welcome.app == "catch"
-            await play(walk, address, 1e9)
-            async with asyncio.timeout(30.0):
+            playing = asyncio.create_task(play(walk, address, 1e9))
+            async with asyncio.timeout(90.0):
                 while BALL not in looks.objects:
                     await looks.until(lambda _: True)
+            await playing
             assert looks.objects[BALL].holder == "app"
             assert looks.objects[BALL].data == {"phase": "held", "by": min(walk.tracks)}
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import cos, hypot, sin
 from typing import NamedTuple
 
-from synchronizar.apps.robot.drive import STOP, Ground, Twist
+from synchronizar.apps.robot.drive import Ground, Twist
 from synchronizar.geometry import wrap_angle
 
 Plane = tuple[float, float]
@@ -77,20 +77,18 @@ def steer(at: Ground, goal: Goal | None, people: Sequence[Person], sigma: float,
     A velocity u of the steered point is kept such that for each person d/dt distance >= -yielding (distance - keep): a
     control barrier function (Ames et al. 2019), which never lets the distance go below `keep` where motors can follow.
     """
-    point = at.x + p.ahead * cos(at.heading), at.y + p.ahead * sin(at.heading)
+    c, s = cos(at.heading), sin(at.heading)
+    point = at.x + p.ahead * c, at.y + p.ahead * s
     wanted = (0.0, 0.0)
-    if goal is not None:
+    if goal is not None and _is_there(at, goal, p):
+        turn = max(-p.turning, min(p.turning, 2.0 * p.gain * wrap_angle(goal.ground.heading - at.heading)))
+        wanted = -p.ahead * turn * s, p.ahead * turn * c
+    elif goal is not None:
         to_goal = _goal_point(at, goal.ground, point, p)
         wanted = _limited((p.gain * to_goal[0] + goal.velocity[0], p.gain * to_goal[1] + goal.velocity[1]), p.speed)
     bounds = [bound for person in people if (bound := _bound(point, person, sigma, p)) is not None]
-    kept = _kept(wanted, bounds, p.retreat)
-    if goal is not None and kept == wanted and _is_there(at, goal, p):
-        turn = wrap_angle(goal.ground.heading - at.heading)
-        return Twist(0.0, max(-p.turning, min(p.turning, 2.0 * p.gain * turn)))
-    if kept == (0.0, 0.0):
-        return STOP
-    c, s = cos(at.heading), sin(at.heading)
-    return Twist(kept[0] * c + kept[1] * s, (kept[1] * c - kept[0] * s) / p.ahead)
+    x, y = _kept(wanted, bounds, p.retreat)
+    return Twist(x * c + y * s, (y * c - x * s) / p.ahead)
 
 
 def _is_there(at: Ground, goal: Goal, p: SteeringParameters) -> bool:
@@ -122,16 +120,15 @@ def _bound(point: Plane, person: Person, sigma: float, p: SteeringParameters) ->
 
 
 def _kept(wanted: Plane, bounds: Sequence[tuple[Plane, float]], most: float) -> Plane:
-    """The velocity nearest to the wanted one that keeps to all bounds, no faster than `most`, by projecting in turn."""
+    """The velocity nearest to the wanted one that keeps to all bounds, about as fast as `most`, by projecting in turn."""
     u = wanted
-    for _ in range(30):
-        worst = 0.0
+    for _ in range(50):
+        u, worst = _limited(u, most), 0.0
         for n, least in bounds:
             short = least - (u[0] * n[0] + u[1] * n[1])
             if short > 0.0:
                 u = u[0] + short * n[0], u[1] + short * n[1]
                 worst = max(worst, short)
-        u = _limited(u, most)
         if worst < 1e-6:
             break
     return u
