@@ -120,7 +120,7 @@ def _bound(point: Plane, person: Person, sigma: float, p: SteeringParameters) ->
 
 
 def _kept(wanted: Plane, bounds: Sequence[tuple[Plane, float]], most: float) -> Plane:
-    """The velocity nearest to the wanted one that keeps to all bounds, about as fast as `most`, by projecting in turn."""
+    """The velocity nearest to the wanted one that keeps to all bounds, about as fast as `most`: projected in turn."""
     u = wanted
     for _ in range(50):
         u, worst = _limited(u, most), 0.0
