@@ -28,6 +28,8 @@ _NUMBERS = 7  # of a user and slot
 _SPANS = (slice(0, 3), slice(3, 4), slice(4, 7))  # of X, H and D among a user's seven numbers
 _NEVER = 10**9  # updates: iSAM2 linearises anew when it is told to, so that the order of time can be kept
 _VARIABLES = 3  # a user and slot
+_CLIQUE_SLOTS = 2  # before a slot, that its cliques may hold variables of
+_WHOLE = 0.5  # of all variables: gtsam orders all where it eliminates more than 0.65 of them
 _MOST_SLOTS = 4096  # whose keys are remembered
 
 
@@ -137,13 +139,8 @@ class Follower:
         first = min((s for s in (stale, self._touched) if s is not None), default=None)
         if first is None:
             return
-        # gtsam takes no more groups than there are variables to eliminate: as many slots are, that all can be in order.
         slots = list(self._slots)
-        users = [len(self._slots[slot]) for slot in slots]
-        at = slots.index(first) if first in self._slots else 0
-        while at > 0 and _VARIABLES * sum(users[at:]) <= len(slots):
-            at -= 1
-        first = slots[at]
+        at, ordered = self._affected(slots, first)
         graph = gtsam.NonlinearFactorGraph()
         names = list(self._new)
         for name in names:
@@ -154,7 +151,7 @@ class Follower:
         touched = self._keys_of(slots[at:])
         if self._inserted.size():
             touched = [key for key in touched if not self._inserted.exists(key)]
-        params.constrainedKeys, params.extraReelimKeys = self._groups(), _key_list(touched)
+        params.constrainedKeys, params.extraReelimKeys = self._groups(slots[ordered:]), _key_list(touched)
         waiting = self._keys_of(slots[:-latest]) if latest and stale is not None else []
         params.noRelinKeys = _key_list({*self._fixed, *waiting})
         try:
@@ -170,12 +167,27 @@ class Follower:
         """All variables of slots."""
         return [key for slot in slots for key in _keys(tuple(self._slots[slot]), slot)]
 
-    def _groups(self) -> gtsam.KeyGroupMap:
-        """All variables, by the order of their slots."""
-        present = [(slot, tuple(users)) for slot, users in self._slots.items()]
+    def _affected(self, slots: list[int], first: int) -> tuple[int, int]:
+        """From which of `slots` on all is eliminated anew where `first` is touched, and from which on it is ordered.
+
+        Cliques hold variables of slots before the first one too. Where most of the tree is touched, gtsam orders all.
+        And it takes no more groups than there are variables to eliminate: some slots more are, where it takes that.
+        """
+        users = [len(self._slots[slot]) for slot in slots]
+        at = slots.index(first) if first in self._slots else 0
+        ordered = max(at - _CLIQUE_SLOTS, 0)
+        if sum(users[ordered:]) > _WHOLE * sum(users):
+            ordered = 0
+        while at > 0 and _VARIABLES * sum(users[at:]) <= len(slots) - ordered + 1:
+            at -= 1
+        return at, min(ordered, at)
+
+    def _groups(self, slots: Sequence[int]) -> gtsam.KeyGroupMap:
+        """The variables of slots, by the order of these; what stands in no group comes first."""
+        present = [(slot, tuple(self._slots[slot])) for slot in slots]
         if self._ordered is None or self._ordered[0] != present:
             groups = gtsam.KeyGroupMap()
-            for group, (slot, users) in enumerate(present):
+            for group, (slot, users) in enumerate(present, 1):
                 for key in _keys(users, slot):
                     groups.insert2(key, group)
             self._ordered = present, groups
