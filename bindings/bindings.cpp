@@ -2,6 +2,7 @@
 // ValueError.
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
@@ -21,6 +22,7 @@
 #include "factors/common_shift.h"
 #include "factors/followed_ranges.h"
 #include "factors/height_search.h"
+#include "factors/innovation_tests.h"
 #include "factors/mixture_terms.h"
 #include "factors/neighbours.h"
 #include "factors/nlos_bursts.h"
@@ -61,6 +63,27 @@ double positive(double parameter) {
 Loss make_loss(const LossKind& kind, double annealing) {
   require(annealing >= 1.0 && std::isfinite(annealing), "annealing must be at least 1");
   return {kind, annealing};
+}
+
+using PoseArray = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+void check_pose_columns(const PoseTable& table, const std::array<int, 3>& columns) {
+  for (size_t k = 0; k < 3; ++k) {
+    require(columns[k] >= 0 && columns[k] + (k == 0   ? 1
+                                             : k == 1 ? 3
+                                                      : 4) <=
+                                   table.cols(),
+            "the poses have no such column");
+  }
+}
+
+void check_innovations(const Innovations& rows) {
+  require(rows.cols() == kInnovationColumns, "innovations have eleven columns");
+  require(rows.allFinite(), "innovations must be finite");
+  require(rows.rows() == 0 || (rows.col(kSigma).minCoeff() > 0.0 && rows.col(kOdds).minCoeff() >= 0.0),
+          "sigma must be positive, odds not negative");
+  require(rows.rows() == 0 || std::min(rows.col(kUserI).minCoeff(), rows.col(kUserJ).minCoeff()) >= 0.0,
+          "an innovation names a user that is not there");
 }
 
 void check_antennas(const Antennas& antennas, Eigen::Index n) {
@@ -572,17 +595,44 @@ NB_MODULE(_core, m) {
       "poses_at",
       [](const PoseTable& table, const std::array<int, 3>& columns, const Column& t, double longest) {
         require(table.rows() > 0, "at least one pose is needed");
-        for (size_t k = 0; k < 3; ++k) {
-          require(columns[k] >= 0 && columns[k] + (k == 0   ? 1
-                                                   : k == 1 ? 3
-                                                            : 4) <=
-                                         table.cols(),
-                  "the poses have no such column");
-        }
+        check_pose_columns(table, columns);
         const PosesAt found = poses_at(table, {columns[0], columns[1], columns[2]}, t, longest);
         return std::tuple(found.position, found.attitude, found.valid);
       },
       "table"_a, "columns"_a, "t"_a, "longest"_a);
+
+  m.def(
+      "read_ranges",
+      [](const std::vector<std::optional<PoseArray>>& tables, const std::array<int, 3>& columns,
+         const Column& clocks, const Column& t,
+         const Eigen::Matrix<int, Eigen::Dynamic, 2, Eigen::RowMajor>& users, const Points& levers,
+         const Eigen::Array<bool, Eigen::Dynamic, 1>& wanted, double reach, double longest) {
+        const auto n = t.size();
+        require(users.rows() == n && levers.rows() == 2 * n && wanted.size() == n,
+                "users must be (n, 2), levers (2 n, 3), wanted (n,)");
+        require(static_cast<size_t>(clocks.size()) == tables.size(), "clocks must be one a table");
+        require(n == 0 || (users.minCoeff() >= 0 && static_cast<size_t>(users.maxCoeff()) < tables.size()),
+                "a range names a user that is not there");
+        std::vector<PoseTable> known;
+        known.reserve(tables.size());
+        std::vector<RangingDevice> devices;
+        for (size_t u = 0; u < tables.size(); ++u) {
+          const PoseTable* table = nullptr;
+          if (tables[u]) {
+            const PoseArray& poses = *tables[u];
+            known.emplace_back(Eigen::Map<const Matrix>(poses.data(),
+                                                        static_cast<Eigen::Index>(poses.shape(0)),
+                                                        static_cast<Eigen::Index>(poses.shape(1))));
+            table = &known.back();
+            check_pose_columns(*table, columns);
+          }
+          devices.push_back({table, clocks[static_cast<Eigen::Index>(u)]});
+        }
+        const RangesRead found = read_ranges(devices, {columns[0], columns[1], columns[2]}, t, users, levers,
+                                             wanted, reach, longest);
+        return std::pair(found.ends, found.valid);
+      },
+      "tables"_a, "columns"_a, "clocks"_a, "t"_a, "users"_a, "levers"_a, "wanted"_a, "reach"_a, "longest"_a);
 
   m.def(
       "mixture_terms",
@@ -669,6 +719,34 @@ NB_MODULE(_core, m) {
       },
       "bounds"_a, "t"_a, "away"_a, "distance"_a, "sigma"_a, "nlos_odds"_a, "share"_a, "weight"_a,
       "precision"_a, "starts"_a, "loss"_a, "bursts"_a);
+
+  m.def(
+      "shifted_groups",
+      [](const Innovations& rows, double since, double until, bool grows, double fewest, double sigma,
+         double looked_at, const NlosMixture& loss, const Bursts& bursts) {
+        check_innovations(rows);
+        require(since < until, "a stretch must have a length");
+        require(sigma > 0.0, "sigma must be positive");
+        std::vector<std::tuple<std::vector<int>, Eigen::Vector3d, double>> out;
+        for (auto& [users, shift, gain] :
+             shifted_groups(rows, {since, until, grows}, {fewest, sigma, looked_at}, loss, bursts)) {
+          out.emplace_back(std::move(users), shift, gain);
+        }
+        return out;
+      },
+      "rows"_a, "since"_a, "until"_a, "grows"_a, "fewest"_a, "sigma"_a, "looked_at"_a, "loss"_a, "bursts"_a);
+
+  m.def(
+      "worst_misfit",
+      [](const Innovations& rows, double since, double sigmas, double fewest, double many, double short_share,
+         double off_share, bool lasting) -> std::optional<std::pair<int, double>> {
+        check_innovations(rows);
+        require(0.0 < short_share && short_share < 1.0 && off_share > 0.0, "shares must be in (0, 1)");
+        const auto found = worst_misfit(rows, since, {sigmas, fewest, many, short_share, off_share, lasting});
+        if (!found) return std::nullopt;
+        return std::pair(found->user, found->share);
+      },
+      "rows"_a, "since"_a, "sigmas"_a, "fewest"_a, "many"_a, "short_share"_a, "off_share"_a, "lasting"_a);
 
   m.def(
       "search_heights",

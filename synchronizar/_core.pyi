@@ -408,6 +408,25 @@ def poses_at(table: Array, columns: tuple[int, int, int], t: Array, longest: flo
     `table` (m, c) has a pose a row; `columns` are those of stamps, and the first ones of positions and attitudes.
     """
 
+def read_ranges(
+    tables: list[Array | None],
+    columns: tuple[int, int, int],
+    clocks: Array,
+    t: Array,
+    users: Indices,
+    levers: Array,
+    wanted: Mask,
+    reach: float,
+    longest: float,
+) -> tuple[Array, Mask]:
+    """(n, 18) ends of ranges at times t (n,) s, and whether poses of both are known there.
+
+    Of i and j of `users` (n, 2) in turn: position, lever (m) and velocity (m/s) of its antenna. `tables` of poses, and
+    their `columns`, as of `poses_at`; None for who stands at its origin. `clocks` (k,) s: a device's stamps minus the
+    ranges'. `levers` (2 n, 3) m are in body axes. Velocities are means from `reach` s before to as long after, or to
+    the last pose.
+    """
+
 def mixture_terms(whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture) -> tuple[Array, Array, Array]:
     """(n,) each: loss, weight and probability of line of sight of ranges with these whitened residuals."""
 
@@ -450,6 +469,42 @@ def common_shift(
     (n, 3) m from the other end to that of these users, `distance` m as measured, `sigma` m, `nlos_odds`, and `share` of
     the shift that is there at that time; `weight` (p,) of each pair's likelihood; `precision` (3,) 1/m^2 of the shift's
     prior; `starts` (m, 3) m from where it is looked for.
+    """
+
+def shifted_groups(
+    rows: Array,
+    since: float,
+    until: float,
+    grows: bool,
+    fewest: float,
+    sigma: float,
+    looked_at: float,
+    loss: NlosMixture,
+    bursts: Bursts,
+) -> list[tuple[list[int], Array, float]]:
+    """Groups of users whose ranges since then (s) one shift of theirs explains better, the best first.
+
+    `rows` (n, 11) are innovations. Of each group its users, its shift (3,) m at the end, and the log likelihood that
+    this gains. `grows`: evenly from `since` to `until`, or else the shift is there all along. `fewest` ranges are
+    needed, in all and of a group; `sigma` (m) is that of a shift's prior; `looked_at`: log likelihood by a linear score
+    from which on a shift is fitted.
+    """
+
+def worst_misfit(
+    rows: Array,
+    since: float,
+    sigmas: float,
+    fewest: float,
+    many: float,
+    short_share: float,
+    off_share: float,
+    lasting: bool,
+) -> tuple[int, float] | None:
+    """The user whose innovations (n, 11) since then (s) fit worst, and the share of them that do not.
+
+    None where that may be chance: of a user's ranges a share may be too short by `sigmas`, and three standard
+    deviations of a binomial count more. Where the stretch is `lasting` and a user has `many`, no more than `off_share`
+    may be off to either side. `fewest` ranges are needed, in all and of a user.
     """
 
 def search_heights(

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from synchronizar._core import poses_at
+from synchronizar._core import poses_at, read_ranges
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.jump import Jump
 from synchronizar.data.track import Poses, Track
@@ -760,6 +760,27 @@ def _event(kind: int, numbers: list[float]) -> Event:
     if kind == _EVENTS.index(Levelled):
         return Levelled(*numbers[:3])
     return SetAside(numbers[0], numbers[1], int(numbers[2]), _REASONS[int(numbers[3])])
+
+
+def range_ends(
+    streams: Sequence[PoseStream | None],
+    clocks: Array,
+    t: Array,
+    users: Indices,
+    levers: Array,
+    wanted: Mask,
+    reach: float,
+    longest: float,
+) -> tuple[Array, Mask]:
+    """(n, 2, 3, 3) ends of ranges: repaired position (m), lever (m) and velocity (m/s); (n,) whether poses are there.
+
+    `t` (n,) s by the ranges' clock, `clocks` (k,) s: a device's stamps minus these; `users` (n, 2), of whom those
+    without a stream stand at their origins; `levers` (n, 2, 3) m in body axes. Velocities are means from `reach` s
+    before to as long after, as far as poses are known; `longest` is the longest gap between poses. Only those `wanted`.
+    """
+    tables = [None if stream is None else stream._table_now() for stream in streams]
+    ends, known = read_ranges(tables, _POSE, clocks, t, users, levers.reshape(-1, 3), wanted, reach, longest)
+    return ends.reshape(-1, 2, 3, 3), known
 
 
 def _tail(table: Array) -> Tail:

@@ -16,10 +16,10 @@ from synchronizar.data.jump import Jump
 from synchronizar.data.track import Track, interpolated
 from synchronizar.io.tum import read_tum
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.pose_stream import Dismissed, Levelled, PoseStream, SetAside, Tail
+from synchronizar.preprocessing.pose_stream import Dismissed, Levelled, PoseStream, SetAside, Tail, range_ends
 from synchronizar.preprocessing.relocalizations import repair_relocalizations
 from synchronizar.preprocessing.suspect_poses import frozen_poses, stray_poses
-from synchronizar.quaternions import angles_between, normalized_quaternions, yaw_quaternion
+from synchronizar.quaternions import angles_between, normalized_quaternions, rotate_by_quaternions, yaw_quaternion
 from synchronizar.simulation.simulate import Scene, simulate
 
 MODEL = Parameters()
@@ -501,3 +501,51 @@ def test_poses_at_times_are_interpolated_as_those_of_a_track() -> None:
     np.testing.assert_allclose(attitude, expected.quat_xyzw, atol=1e-14)
     with pytest.raises(ValueError, match="no such column"):
         poses_at(table, (1, 2, 6), t, 0.5)
+
+
+def test_ranges_are_read_by_their_ends_as_poses_at_their_times_say() -> None:
+    random = np.random.default_rng(5)
+    parameters = Parameters()
+    longest, reach = parameters.slam.longest_pose_gap, 0.1
+    streams: list[PoseStream | None] = [PoseStream(parameters), None, PoseStream(parameters), PoseStream(parameters)]
+    clocks = np.array([0.3, 0.0, -0.2, 0.0])
+    for u in (0, 2):
+        stream = streams[u]
+        assert stream is not None
+        for t in np.arange(0.0, 3.0, 1.0 / 30.0).tolist():
+            place = (np.sin(t + u), t, 0.1 * np.cos(3.0 * t))
+            stream.add(clocks[u] + t, place, normalized_quaternions(np.array([[0.1 * t, 0.2, 0.3, 1.0]]))[0].tolist())
+    t = random.uniform(-0.05, 3.1, 60)
+    users = np.array([random.choice(4, 2, replace=False) for _ in t], dtype=np.int32)
+    levers, wanted = random.normal(0.0, 0.2, (60, 2, 3)), random.uniform(size=60) < 0.8
+    ends, known = range_ends(streams, clocks, t, users, levers, wanted, reach, longest)
+    for n in range(60):
+        there = bool(wanted[n])
+        for end in range(2):
+            u = int(users[n, end])
+            stream = streams[u]
+            if stream is None:
+                np.testing.assert_array_equal(ends[n, end], 0.0)
+                continue
+            at = t[n] + clocks[u]
+            poses = stream.at(np.array([at, at - reach, min(at + reach, max(stream.newest, at))]))
+            there = there and bool(poses.valid[0])
+            if not there:
+                continue
+            arms = rotate_by_quaternions(poses.quat_xyzw, np.tile(levers[n, end], (3, 1)))
+            antennas = poses.position + arms
+            stamps = np.array([at, at - reach, min(at + reach, max(stream.newest, at))])
+            begin, until = 1 if poses.valid[1] else 0, 2 if poses.valid[2] else 0
+            velocity = (antennas[until] - antennas[begin]) / max(stamps[until] - stamps[begin], 1e-3)
+            np.testing.assert_allclose(ends[n, end], [poses.position[0], arms[0], velocity], atol=1e-9)
+        assert known[n] == there
+    assert 10 < known.sum() < 50
+
+
+def test_ranges_of_users_and_levers_that_are_not_there_are_refused() -> None:
+    streams: list[PoseStream | None] = [None, None]
+    t, users = np.zeros(1), np.array([[0, 2]], dtype=np.int32)
+    with pytest.raises(ValueError, match="user"):
+        range_ends(streams, np.zeros(2), t, users, np.zeros((1, 2, 3)), np.ones(1, dtype=bool), 0.1, 1.0)
+    with pytest.raises(ValueError, match="levers"):
+        range_ends(streams, np.zeros(2), t, users // 2, np.zeros((2, 2, 3)), np.ones(1, dtype=bool), 0.1, 1.0)

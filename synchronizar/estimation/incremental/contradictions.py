@@ -7,10 +7,9 @@ by more than noise. So many too short ones, or next to nothing but misfits, have
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from synchronizar._core import worst_misfit
 from synchronizar.estimation.incremental.innovations import Innovations
 from synchronizar.estimation.incremental.shifts import shifted
 from synchronizar.parameters import Parameters
@@ -29,13 +28,11 @@ class Contradictions:
         """More of them."""
         longest = max(self._parameters.integrity.innovation_windows)
         kept = self._recent.t > now - longest
-        columns: Any = zip(self._recent, new, strict=True)
-        self._recent = Innovations(*(np.concatenate([old[kept], more]) for old, more in columns))
+        self._recent = Innovations(np.concatenate([self._recent.rows[kept], new.rows]))
 
     def forget(self, user: int) -> None:
         """Those of a user."""
-        kept = (self._recent.i != user) & (self._recent.j != user)
-        self._recent = self._recent.part(kept)
+        self._recent = self._recent.part((self._recent.users != user).all(axis=1))
         self.suspected -= {user}
 
     @property
@@ -78,12 +75,11 @@ class Contradictions:
     def _moved(self, now: float, gauge: int, trusted: frozenset[int]) -> tuple[list[int], str] | None:
         """The users whose latest ranges one shift explains so much better that they are there; who may be is noted."""
         m = self._parameters.integrity
-        present = np.unique(np.concatenate([self._recent.i, self._recent.j])).tolist()
         likely: dict[frozenset[int], tuple[float, float]] = {}
         for window, grows in ((m.shift_steady, False), *((window, True) for window in m.shift_growing)):
             for found in shifted(self._recent, now, window, grows, self._parameters):
                 length = float(np.linalg.norm(found.shift))
-                wrong = self._wrong(found.users, present, gauge)
+                wrong = self._wrong(found.users, gauge)
                 gain = found.gain - m.shift_cost * len(wrong & trusted)
                 if length > m.shift_least and gain > likely.get(wrong, (0.0, 0.0))[0]:
                     likely[wrong] = gain, length
@@ -97,37 +93,22 @@ class Contradictions:
         wrong = max(rivals, key=lambda each: likely[each][0])
         return sorted(wrong), f"its latest ranges say that it is {likely[wrong][1]:.1f} m from there"
 
-    def _wrong(self, moved: frozenset[int], present: list[int], gauge: int) -> frozenset[int]:
+    def _wrong(self, moved: frozenset[int], gauge: int) -> frozenset[int]:
         """Who is wrong where some moved against the others: who is not with the gauge, unless the gauge is alone."""
-        others = frozenset(present) - moved
+        others = frozenset(np.unique(self._recent.users).tolist()) - moved
         own, rest = (moved, others) if gauge in moved else (others, moved)
         return own if len(own) == 1 and len(rest) > 1 else rest
 
     def _alarm(self, window: float, now: float) -> tuple[int, str, float] | None:
         """The user that fits worst over a stretch of time, where that is more than chance."""
         m = self._parameters.integrity
-        late = self._recent.t > now - window
-        i, j, whitened = self._recent.i[late], self._recent.j[late], self._recent.whitened[late]
-        if len(whitened) < m.innovation_fewest:
+        lasting, allowed = window > min(m.innovation_windows), (m.innovation_short_share, m.largest_rejected)
+        counts = float(m.innovation_fewest), float(m.innovation_many)
+        found = worst_misfit(self._recent.rows, now - window, m.innovation_sigmas, *counts, *allowed, lasting)
+        if found is None:
             return None
-        short = (whitened > m.innovation_sigmas).astype(float)
-        off = (np.abs(whitened) > m.innovation_sigmas).astype(float)
-        size = int(max(i.max(), j.max())) + 1
-        count, shorts, offs = (
-            np.bincount(i, weights, size) + np.bincount(j, weights, size) for weights in (np.ones(len(i)), short, off)
-        )
-        many = np.maximum(count, 1.0)
-        # By chance a few are too short: three standard deviations of a binomial count beyond the tolerated share.
-        allowed = m.innovation_short_share
-        limit = allowed + 3.0 * np.sqrt(allowed * (1.0 - allowed) / many)
-        lasting = (window > min(m.innovation_windows)) & (count >= m.innovation_many)
-        excess = np.maximum(shorts / many / limit, np.where(lasting, offs / many / m.largest_rejected, 0.0))
-        excess[count < m.innovation_fewest] = 0.0
-        worst = int(np.argmax(excess))
-        if excess[worst] <= 1.0:
-            return None
-        share = max(shorts[worst], offs[worst]) / many[worst]
-        return worst, f"{share:.0%} of its ranges in the last {window:g} s do not fit", window
+        user, share = found
+        return user, f"{share:.0%} of its ranges in the last {window:g} s do not fit", window
 
     def _groups(self, window: float, now: float) -> list[list[int]]:
         """The users of the latest ranges, in groups that chains of pairs connect whose ranges fit."""
@@ -152,7 +133,7 @@ class Contradictions:
         late = self._recent.t > now - window
         if not late.any():
             return [], []
-        both = np.stack([self._recent.i[late], self._recent.j[late]], axis=1)
+        both = self._recent.users[late]
         off = np.abs(self._recent.whitened[late]) > self._parameters.integrity.innovation_pair_sigmas
         pairs, of = np.unique(both, axis=0, return_inverse=True)
         shares = np.bincount(of.ravel(), off) / np.bincount(of.ravel())

@@ -32,14 +32,14 @@ class SlotRanges:
         """(n, columns), a view."""
         return self._table[: self._count]
 
-    def add(self, known: Array, i: tuple[Array, Array, Array], j: tuple[Array, Array, Array]) -> None:
-        """Ranges (n, 11), and the offsets, levers and velocities (n, 3) of both ends."""
-        needed = self._count + len(known)
+    def add(self, rows: Array) -> None:
+        """More ranges (n, columns)."""
+        needed = self._count + len(rows)
         if needed > len(self._table):
             grown = np.empty((max(needed, 2 * len(self._table)), _COLUMNS))
             grown[: self._count] = self.rows
             self._table = grown
-        self._table[self._count : needed] = np.hstack([known, *i, *j])
+        self._table[self._count : needed] = rows
         self._count = needed
 
     def keep(self, which: Mask) -> None:

@@ -58,7 +58,7 @@ class SlotStates:
         return self._first <= slot < self._end and not np.isnan(self._table[slot - self._first, user, _STAMP])
 
     def have(self, user: Indices, slot: Indices) -> Mask:
-        """The same of many, (n,) each."""
+        """The same of many, of shapes that go together."""
         there = (slot >= self._first) & (slot < self._end)
         return np.asarray(there & ~np.isnan(self._table[np.where(there, slot - self._first, 0), user, _STAMP]))
 
@@ -66,9 +66,9 @@ class SlotStates:
         """(3,) SLAM units."""
         return self._table[slot - self._first, user, _PLACE].copy()
 
-    def places(self, user: int, slots: Indices) -> Array:
-        """(n, 3) SLAM units, of a user at slots (n,)."""
-        return self._table[slots - self._first, user, _PLACE]
+    def places(self, user: Indices, slot: Indices) -> Array:
+        """(..., 3) SLAM units, of users at slots, of shapes that go together."""
+        return self._table[slot - self._first, user, _PLACE]
 
     def state(self, user: int, slot: int) -> Array:
         """(7,) as in `Tracked`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Mapping
+from collections.abc import Collection, Hashable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -43,8 +43,7 @@ from synchronizar.graph.slot_factors import (
     step_factor,
 )
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.pose_stream import PoseStream
-from synchronizar.quaternions import rotate_by_quaternions
+from synchronizar.preprocessing.pose_stream import PoseStream, range_ends
 
 _REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
@@ -129,6 +128,7 @@ class Tracking:
         self.origin = np.nan
         """s, range clock: when slot 0 begins."""
         self._loss = nlos_mixture(parameters)
+        self._levers = _levers(users)
         self._waiting: NewRanges | None = None
         self.slots = SlotStates(len(users))
         self.weighing = RangeWeighing(parameters)
@@ -217,7 +217,7 @@ class Tracking:
             ranges = NewRanges(*(np.concatenate(both) for both in columns))
         self._waiting = ranges if len(ranges.t) else None
 
-    def advance(self, now: float, doubted: Container[int], settle: bool = False) -> None:
+    def advance(self, now: float, doubted: Collection[int], settle: bool = False) -> None:
         """It is `now` (s, range clock): open slots, take in the ranges whose poses have come, solve.
 
         Nothing is taken in of users that are `doubted`. With `settle` the graph is built anew, for somebody joined; it
@@ -266,79 +266,38 @@ class Tracking:
             if slot == self.members[user].slot:
                 self.members[user] = self.members[user]._replace(state=state)
 
-    def _take(self, now: float, doubted: Container[int]) -> list[int]:
+    def _take(self, now: float, doubted: Collection[int]) -> list[int]:
         """Read the ranges whose poses have come; the slots that they are in."""
         waiting = self._waiting
         if waiting is None:
             return []
         slot = np.floor((waiting.t - self.origin) / self.parameters.slam.keyframe_interval).astype(np.int32)
-        sound = np.array([user not in doubted for user in range(len(self.users))])
-        there = sound[waiting.i] & sound[waiting.j]
-        there &= self.slots.have(waiting.i, slot) & self.slots.have(waiting.j, slot)
-        n = len(slot)
-        who, antenna = (
-            np.concatenate(both) for both in ((waiting.i, waiting.j), (waiting.antenna_i, waiting.antenna_j))
+        users = np.stack([waiting.i, waiting.j], axis=1)
+        there = np.asarray(self.slots.have(users, slot[:, None]).all(axis=1))
+        for user in doubted:
+            there &= (users != user).all(axis=1)
+        antennas = np.stack([waiting.antenna_i, waiting.antenna_j], axis=1)
+        longest = self.parameters.slam.longest_pose_gap
+        ends, there = range_ends(
+            self.streams, self.assumed_clock, waiting.t, users, self._levers[users, antennas], there, _REACH, longest
         )
-        *ends, known = self._ends(np.tile(waiting.t, 2), who, antenna, np.tile(slot, 2), np.tile(there, 2))
-        there &= known[:n] & known[n:]
-        late = waiting.t < now - _LATE
-        left = ~there & ~late
+        left = ~there & ~(waiting.t < now - _LATE)
         self._waiting = waiting.part(left) if left.any() else None
         if not there.any():
             return []
-        ready = waiting.part(there)
-        links = _links(ready)
-        known_rows = np.column_stack(
-            [
-                ready.t,
-                ready.i,
-                ready.j,
-                ready.distance,
-                np.hypot(ready.sigma, self.parameters.ranges.multipath_sigma),
-                ready.nlos_odds,
-                links,
-                slot[there],
-                ready.nlos_odds,
-                [self.weighing.weight_of(i, j) for i, j in zip(ready.i.tolist(), ready.j.tolist(), strict=True)],
-                ready.serial,
-            ]
-        )
-        (o_i, a_i, v_i), (o_j, a_j, v_j) = ([each[at][there] for each in ends] for at in (slice(n), slice(n, None)))
-        self.ranges.add(known_rows, (o_i, a_i, v_i), (o_j, a_j, v_j))
-        added = self.ranges.rows[-len(known_rows) :]
+        ready, users, slot, ends = waiting.part(there), users[there], slot[there], ends[there]
+        ends[:, :, 0] -= self.slots.places(users, slot[:, None])
+        links = (ready.antenna_i + 1) * _MOST_ANTENNAS + ready.antenna_j + 1
+        sigma = np.hypot(ready.sigma, self.parameters.ranges.multipath_sigma)
+        weight = [self.weighing.weight_of(i, j) for i, j in users.tolist()]
+        known = (ready.t, users, ready.distance, sigma, ready.nlos_odds, links, slot, ready.nlos_odds, weight)
+        self.ranges.add(np.column_stack([*known, ready.serial, ends.reshape(len(ends), -1)]))
+        added = self.ranges.rows[-len(slot) :]
         away, bias, _ = self.slots.apart(added)
         columns = added[:, [T, USER_I, USER_J, SIGMA, ODDS, WEIGHT, DISTANCE]]
         columns[:, -1] -= bias
-        self._untaken.append(np.column_stack([columns, away]))
-        return sorted(set(slot[there].tolist()))
-
-    def _ends(
-        self, t: Array, who: Indices, antenna: Indices, slot: Indices, wanted: Mask
-    ) -> tuple[Array, Array, Array, Mask]:
-        """Offset, lever and velocity (n, 3) of ends of ranges, and whether their poses are known."""
-        n = len(t)
-        offset, lever, velocity = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-        known = wanted.copy()
-        for u in np.unique(who[wanted]).tolist():
-            stream = self.streams[u]
-            if stream is None:
-                continue
-            mine = np.flatnonzero(wanted & (who == u))
-            at = t[mine] + self.assumed_clock[u]
-            stamps = np.concatenate([at, at - _REACH, np.minimum(at + _REACH, max(stream.newest, at.min()))])
-            position, quat, there = stream.at(stamps)
-            m = len(mine)
-            known[mine] = there[:m]
-            levers = self.users[u].levers
-            arm = rotate_by_quaternions(quat, np.tile(levers[antenna[mine]], (3, 1))) if len(levers) > 1 else 0.0
-            antennas = position + arm
-            begin = np.where(there[m : 2 * m, None], antennas[m : 2 * m], antennas[:m])
-            end = np.where(there[2 * m :, None], antennas[2 * m :], antennas[:m])
-            dt = np.where(there[2 * m :], stamps[2 * m :], at) - np.where(there[m : 2 * m], stamps[m : 2 * m], at)
-            velocity[mine] = (end - begin) / np.maximum(dt, 1e-3)[:, None]
-            offset[mine] = position[:m] - self.slots.places(u, slot[mine])
-            lever[mine] = antennas[:m] - position[:m]
-        return offset, lever, velocity, known
+        self._untaken.append(np.hstack([columns, away]))
+        return sorted(set(slot.tolist()))
 
     def _put(self, slot: int) -> None:
         """The factor of a slot's ranges, made anew."""
@@ -362,16 +321,17 @@ class Tracking:
 
         `spread` is 1 sigma (m) of each user's place, which adds to what is expected.
         """
-        rows = np.concatenate([np.zeros((0, 10)), *self._untaken])
-        self._untaken = []
-        t, sigma, nlos_odds, weight, distance = (rows[:, n].copy() for n in (0, 3, 4, 5, 6))
-        i, j, away = rows[:, 1].astype(np.int32), rows[:, 2].astype(np.int32), rows[:, 7:].copy()
+        if not self._untaken:
+            return Innovations.none()
+        rows, self._untaken = np.concatenate(self._untaken), []
+        users, sigma, nlos_odds, weight, distance, away = rows[:, 1:3], *rows[:, 3:7].T, rows[:, 7:]
         of_users = np.array([spread.get(u, 0.0) for u in range(len(self.users))]) ** 2
-        places = of_users[i] + of_users[j]
-        whitened = (np.linalg.norm(away, axis=1) - distance) / np.sqrt(sigma**2 + places)
+        places = of_users[users.astype(np.int32)].sum(axis=1)
+        whitened = (np.sqrt((away * away).sum(axis=1)) - distance) / np.sqrt(sigma**2 + places)
         # A pair whose ranges are worth more than their sigma says is that much more exact.
-        exact = np.sqrt(sigma**2 / np.clip(weight, 1.0, _MOST_EXACT) + places)
-        return Innovations(t, i, j, whitened, away, distance, exact, nlos_odds, np.minimum(weight, 1.0))
+        exact = np.sqrt(sigma**2 / np.minimum(np.maximum(weight, 1.0), _MOST_EXACT) + places)
+        of_each = [whitened, *away.T, distance, exact, nlos_odds, np.minimum(weight, 1.0)]
+        return Innovations(np.column_stack([rows[:, :3], *of_each]))
 
     def rejected(self, since: float) -> Array:
         """(k,) share of each user's ranges since then (s) that are more likely NLOS, or outliers, than inliers."""
@@ -425,6 +385,7 @@ class Tracking:
     def add_user(self, user: User) -> None:
         """One more user, who is not followed yet."""
         self.users = (*self.users, user)
+        self._levers = _levers(self.users)
         self.slots.add_user()
         self.assumed_clock, self.noise = np.append(self.assumed_clock, 0.0), np.vstack([self.noise, [1.0, 1.0]])
         self.height_spread = np.append(self.height_spread, 0.0)
@@ -564,6 +525,7 @@ class Tracking:
         return self._tying(*name) if kind in ("step", "walk") else self._holding(*name)
 
 
-def _links(ranges: NewRanges) -> Indices:
-    """(n,) a number for the two antennas of each range."""
-    return np.asarray((ranges.antenna_i + 1) * _MOST_ANTENNAS + ranges.antenna_j + 1, dtype=np.int32)
+def _levers(users: tuple[User, ...]) -> Array:
+    """(k, most, 3) m in body axes: the antennas of each user; the last is the origin, for the antenna -1."""
+    most = max(len(user.levers) for user in users)
+    return np.array([np.pad(user.levers, ((0, most - len(user.levers)), (0, 0))) for user in users])

@@ -23,11 +23,10 @@ SHORT, LONG, FITS = 6.0, -9.0, 0.2
 def innovations(rows: list[tuple[float, int, int, float]]) -> Innovations:
     """Of rows t, i, j, whitened."""
     t, i, j, whitened = (np.array(column) for column in zip(*rows, strict=True))
-    a, b = i.astype(np.int32), j.astype(np.int32)
-    away = PLACES[a] - PLACES[b]
+    away = PLACES[i] - PLACES[j]
     distance = np.linalg.norm(away, axis=1) - SIGMA * whitened
     sigma, nlos_odds, weight = np.full(len(t), SIGMA), np.full(len(t), 0.25), np.ones(len(t))
-    return Innovations(t, a, b, whitened, away, distance, sigma, nlos_odds, weight)
+    return Innovations(np.column_stack([t, i, j, whitened, away, distance, sigma, nlos_odds, weight]))
 
 
 def told(rows: list[tuple[float, int, int, float]], gauge: int = 0) -> tuple[list[int], str] | None:
@@ -97,7 +96,7 @@ def test_what_is_long_past_or_forgotten_tells_nothing() -> None:
     assert contradictions.found(NOW + 11.0, 0, EVERYBODY) is None
     contradictions.forget(2)
     assert contradictions.found(NOW, 0, EVERYBODY) is None
-    assert set(contradictions.recent.j.tolist()) == {1}
+    assert set(contradictions.recent.users[:, 1].tolist()) == {1}
     contradictions.add(innovations([(NOW + 60.0, 0, 1, FITS)]), NOW + 60.0)
     assert len(contradictions.recent.t) == 1
 

@@ -75,7 +75,7 @@ def test_slots_come_at_both_ends_and_go_at_one() -> None:
     assert [states.has(0, 5), states.has(0, 2), states.has(1, 2), states.has(0, 60)] == [True, False, True, True]
     there = states.have(np.array([0, 0, 1, 1, 0]), np.array([5, 2, 2, 60, 99]))
     assert there.tolist() == [True, False, True, False, False]
-    np.testing.assert_array_equal(states.places(0, np.array([60, 5])), [[60.0] * 3, [5.0] * 3])
+    np.testing.assert_array_equal(states.places(np.array([0, 0]), np.array([60, 5])), [[60.0] * 3, [5.0] * 3])
     states.change([(0, 60), (1, 5)], np.array([one * 7, one * 8]))
     assert states.state(0, 60).tolist() == [7.0] * 7
     states.forget(5)

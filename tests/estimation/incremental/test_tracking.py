@@ -177,7 +177,7 @@ def test_innovations_are_residuals_before_the_range_was_used_over_all_that_is_ex
     tracking.advance(3.0, set())
     (row,) = tracking.ranges.rows[tracking.ranges.rows[:, SERIAL] == new.serial[0]]
     innovations = tracking.take_innovations({0: 0.3, 1: 0.4})
-    assert (innovations.i.tolist(), innovations.j.tolist(), innovations.t.tolist()) == ([0], [1], [2.7])
+    assert (innovations.users.tolist(), innovations.t.tolist()) == ([[0, 1]], [2.7])
     expected = np.hypot(row[SIGMA], 0.5)
     assert innovations.whitened[0] == pytest.approx(0.5 / expected, abs=0.1)  # too short: positive
     assert len(tracking.take_innovations({}).t) == 0
