@@ -23,11 +23,14 @@ _THRESHOLDS = {
     "h": np.array([0.05]),  # m
     "d": np.array([0.005, 0.02, 0.01]) / CALIBRATION_UNITS,  # log scale, m, s
 }
-"""Estimates that are further from where they were linearised are linearised anew."""
+"""Where an estimate is further from where it was linearised, ..."""
+_ALONG = 0.5
+"""... all are linearised anew that are further than so much of that: others would be so far off a moment later."""
 _NUMBERS = 7  # of a user and slot
 _SPANS = (slice(0, 3), slice(3, 4), slice(4, 7))  # of X, H and D among a user's seven numbers
 _NEVER = 10**9  # updates: iSAM2 linearises anew when it is told to, so that the order of time can be kept
 _VARIABLES = 3  # a user and slot
+_ALL = slice(None)
 _CLIQUE_SLOTS = 2  # before a slot, that its cliques may hold variables of
 _WHOLE = 0.5  # of all variables: gtsam orders all where it eliminates more than 0.65 of them
 _MOST_SLOTS = 4096  # whose keys are remembered
@@ -129,13 +132,13 @@ class Follower:
 
     # Solving
 
-    def update(self, latest: int | None = None) -> None:
+    def update(self, among: slice = _ALL) -> None:
         """Take in what was put since the last update, and solve.
 
-        Only estimates of the `latest` slots are linearised anew where they need it; None: those of all slots. Raises
-        RuntimeError where a variable is seen by no factor.
+        Only estimates of these slots, `among` all, are linearised anew where they need it. Raises RuntimeError where a
+        variable is seen by no factor.
         """
-        stale = self._stale(latest)
+        stale = self._stale(among)
         first = min((s for s in (stale, self._touched) if s is not None), default=None)
         if first is None:
             return
@@ -152,7 +155,7 @@ class Follower:
         if self._inserted.size():
             touched = [key for key in touched if not self._inserted.exists(key)]
         params.constrainedKeys, params.extraReelimKeys = self._groups(slots[ordered:]), _key_list(touched)
-        waiting = self._keys_of(slots[:-latest]) if latest and stale is not None else []
+        waiting = [] if stale is None else self._keys_of(sorted(set(slots).difference(slots[among])))
         params.noRelinKeys = _key_list({*self._fixed, *waiting})
         try:
             result = self._tree.update(graph, self._inserted, params)
@@ -193,24 +196,34 @@ class Follower:
             self._ordered = present, groups
         return self._ordered[1]
 
-    def _stale(self, latest: int | None = None) -> int | None:
-        """The first of the latest slots, or of all, with an estimate that is too far from where it was linearised."""
-        if not self._tree.size():
+    def _stale(self, among: slice = _ALL) -> int | None:
+        """The first slot, among these, from which on estimates are to be linearised anew; None: all are near enough."""
+        if not self._at.size():
             return None
-        at = [(user, slot) for slot, users in list(self._slots.items())[-latest if latest else 0 :] for user in users]
+        at = [(user, slot) for slot, users in list(self._slots.items())[among] for user in users]
         if self._inserted.size():
             at = [(user, slot) for user, slot in at if not self._inserted.exists(keys.slot_pose(user, slot))]
         wanted = [key for user, slot in at for key in _keys((user,), slot)]
         if not wanted:
             return None
-        farthest = np.concatenate([_THRESHOLDS[symbol] for symbol in "xhd"])
-        far = np.abs(self._tree.getDelta().vector(wanted)).reshape(-1, len(farthest)) > farthest
-        for row in np.flatnonzero(far.any(axis=1)).tolist():
-            user, slot = at[row]
-            for key, span in zip(_keys((user,), slot), _SPANS, strict=True):
-                if key not in self._fixed and far[row, span].any():
-                    return slot
-        return None
+        off = np.abs(self._tree.getDelta().vector(wanted)).reshape(-1, _NUMBERS) / np.concatenate(
+            list(_THRESHOLDS.values())
+        )
+        if not self._moved(at, off, 1.0):
+            return None
+        return min(slot for _, slot in self._moved(at, off, _ALONG))
+
+    def _moved(self, at: Sequence[tuple[int, int]], off: Array, beyond: float) -> list[tuple[int, int]]:
+        """The users and slots that have a variable which is `off` (n, 7) by more than that, and may be moved."""
+        far = off > beyond
+        return [
+            at[row]
+            for row in np.flatnonzero(far.any(axis=1)).tolist()
+            if any(
+                far[row, span].any() and key not in self._fixed
+                for key, span in zip(_keys(at[row][:1], at[row][1]), _SPANS, strict=True)
+            )
+        ]
 
     def rebuild(self) -> None:
         """The tree made anew of all factors, linearised at the present estimates, and solved."""
@@ -270,7 +283,7 @@ class Follower:
         leaves = [slot for slot in self._slots if slot < before]
         if not leaves:
             return
-        self.update()  # they stay linearised where they are
+        self.update(slice(len(leaves) + 1))  # they stay linearised where they are, and those after them that they tie
         marginal = self._keys_of(leaves)
         left, gone = self._tree.marginalizeLeavesWithIndices(_key_list(marginal))
         deleted = set(gone)
@@ -439,7 +452,7 @@ def _tree() -> tuple[gtsam.ISAM2, gtsam.Values]:
     params = gtsam.ISAM2Params()
     thresholds = gtsam.ISAM2ThresholdMap()
     for symbol, threshold in _THRESHOLDS.items():
-        thresholds.insert((symbol, threshold))
+        thresholds.insert((symbol, _ALONG * threshold))
     params.setRelinearizeThreshold(thresholds)
     params.relinearizeSkip = _NEVER
     params.findUnusedFactorSlots = True

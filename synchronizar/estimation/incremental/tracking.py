@@ -255,7 +255,7 @@ class Tracking:
                 self.follower.update()
             self._refresh()
         else:
-            self.follower.update(None if turns else _BURST_SLOTS + 1)
+            self.follower.update(slice(None if turns else -_BURST_SLOTS - 1, None))
             self._read([(user, tracked.slot) for user, tracked in self.members.items()])
 
     def _read(self, at: list[tuple[int, int]]) -> None:
@@ -397,7 +397,8 @@ class Tracking:
 
     def judge(self, first: int, weigh: bool) -> None:
         """NLOS odds of the ranges from slot `first` on, anew, and weights if `weigh` says so; what changed is put."""
-        for slot in self.weighing.judge(self.ranges, self.slots, len(self.users), first, weigh):
+        anew = self.weighing.weigh if weigh else self.weighing.judge
+        for slot in anew(self.ranges, self.slots, len(self.users), first):
             self._put(slot)
 
     def _refresh(self) -> None:
