@@ -402,6 +402,42 @@ def followed_apart(
     offset, lever and velocity (3,) each. Residuals are predicted minus measured.
     """
 
+def followed_slot(
+    ranges: Array, columns: tuple[int, int, int, int, int, int], weighed: tuple[int, int, int, int, int]
+) -> tuple[list[int], RangeSlot]:
+    """The users of ranges (n, c) of one slot, sorted, and the ranges pair by pair.
+
+    `columns` as of `followed_apart`; `weighed`: those of stamps, sigma (m), prior odds of NLOS, odds given the other
+    ranges, and range weights.
+    """
+
+def judged_bursts(
+    ranges: Array,
+    columns: tuple[int, int, int, int, int, int],
+    weighed: tuple[int, int, int, int, int],
+    states: Array,
+    users: int,
+    first: int,
+    since: int,
+    sizes: Array,
+    loss: NlosMixture,
+    bursts: Bursts,
+    surest: float,
+    changed: float,
+) -> tuple[list[int], Indices, Array]:
+    """Slots from `since` on in which some range is judged otherwise, rows of all their ranges, and their NLOS odds.
+
+    `ranges`, `columns`, `weighed` as of `followed_slot`, the rest as of `followed_apart`. `sizes` (users, users) are
+    those of a pair's line-of-sight errors, of what sigma says; `surest` log odds, at most; a range is judged otherwise
+    whose probability of line of sight is another one by more than `changed`.
+    """
+
+def rows_by_serial(serial: Indices, tables: list[tuple[Indices, Array]], unknown: Array) -> tuple[Mask, Array]:
+    """Of ranges by running index (n,) whether any table knows them, and (n, c) what the last one says that does.
+
+    `tables`: running indices (m,) and numbers (m, c); `unknown` (c,): what stands where none knows.
+    """
+
 def poses_at(table: Array, columns: tuple[int, int, int], t: Array, longest: float) -> tuple[Array, Array, Mask]:
     """(n, 3) positions, (n, 4) attitudes at times t (n,) and whether they are known, as `data.track.interpolated`.
 

@@ -18,6 +18,7 @@ from synchronizar._core import poses_at, read_ranges
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.jump import Jump
 from synchronizar.data.track import Poses, Track
+from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import (
     JumpSearch,
@@ -137,6 +138,11 @@ class Axes(NamedTuple):
     """(3,) m: a repaired position is this plus SLAM's, turned."""
     level: bool
     """Whether SLAM's vertical is trusted; else its steps are taken for horizontal, and `offset` has the height."""
+
+    @property
+    def yaw(self) -> float:
+        """rad: by how much SLAM's frame is turned, as `yaw_of_quaternions`."""
+        return wrap_angle(2.0 * math.atan2(self.quat_xyzw[2], self.quat_xyzw[3]))
 
     def repaired(self, position: Array, quat_xyzw: Array) -> tuple[Array, Array]:
         """SLAM's positions (..., 3) and attitudes (..., 4) in the repaired track's frame."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,6 +22,12 @@ from synchronizar.preprocessing.extent import EXTENT_POINTS, extent_points_of
 _POSE = 5  # x, y, z, yaw, log scale
 _TANGENT = 7  # of X, H and D
 _ROWS = (0, 1, 3, 2, 4, 5, 6)  # x, y, height, yaw, log scale, bias, clock among them
+
+
+@lru_cache
+def _order(size: int) -> Array:
+    """(7 size, 7 size) one row a number of each member: from the order of its variables to x, y, height, yaw, ..."""
+    return np.eye(_TANGENT * size)[[_TANGENT * n + row for n in range(size) for row in _ROWS]]
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,7 @@ class Members:
         at = [(u, tracking.members[u].slot) for u in self.order]
         size = len(self.order)
         yaw = np.array([tracking.members[u].state[2] for u in self.order])
-        turn = np.eye(_TANGENT * size)[[_TANGENT * n + row for n in range(size) for row in _ROWS]]
+        turn = _order(size).copy()
         x = _TANGENT * np.arange(size)
         turn[x, x] = turn[x + 1, x + 1] = np.cos(yaw)
         turn[x + 1, x] = np.sin(yaw)

@@ -49,12 +49,26 @@ class RangeWeighing:
         """What a further range of a pair is worth."""
         return self.weight.get((i, j), _FIRST_WEIGHT)
 
-    def judge(self, ranges: SlotRanges, states: SlotStates, users: int, first: int, weigh: bool) -> list[int]:
-        """NLOS odds of the ranges from slot `first` on, anew; where `weigh` says so, weights and sizes of errors too.
+    def judge(self, ranges: SlotRanges, states: SlotStates, users: int, first: int) -> list[int]:
+        """NLOS odds of the ranges from slot `first` on, anew.
 
-        Only slots are changed in which odds or weights are others by enough; returns them. A burst shows by how large
-        line-of-sight errors are, which the model has as large as reflections make them. They are measured on those that
-        pass by the model's own sigma: on those that pass by their own measure they would shrink without end.
+        Only slots are changed in which odds are others by enough; returns them. A burst shows by how large
+        line-of-sight errors are, which the model has as large as reflections make them.
+        """
+        sizes = np.ones((users, users))
+        for (i, j), size in self.size.items():
+            sizes[i, j] = size
+        bursts = bursts_of(self._parameters)
+        slots, which, odds = states.judged(ranges.rows, first, sizes, self._loss, bursts, _SUREST, _CHANGED)
+        if slots:
+            ranges.rows[which, NLOS_ODDS] = odds
+        return slots
+
+    def weigh(self, ranges: SlotRanges, states: SlotStates, users: int, first: int) -> list[int]:
+        """As `judge`, and weights and sizes of errors anew.
+
+        Sizes are measured on ranges that pass by the model's own sigma: on those that pass by their own measure they
+        would shrink without end.
         """
         rows = ranges.rows
         which = np.flatnonzero(rows[:, SLOT] >= first)
@@ -68,17 +82,15 @@ class RangeWeighing:
         bounds = np.concatenate([[0], change, [len(part)]]).astype(np.int32)
         bursts = bursts_of(self._parameters)
         pair = [(i, j) for i, j in part[bounds[:-1]][:, [USER_I, USER_J]].astype(int).tolist()]
-        size = np.repeat([self.size.get(of, 1.0) for of in pair], np.diff(bounds))
-        if weigh:
-            model, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts)
-            _, robust, _ = mixture_terms(whitened, sigma, model, self._loss)
-            size = measured_sizes(bounds, self._nominal(sigma) / sigma, whitened, robust, self._parameters)
-            self.size.update(zip(pair, size[bounds[:-1]].tolist(), strict=True))
+        model, _ = burst_nlos_odds_of_pairs(bounds, t, whitened, sigma, prior, self._loss, bursts)
+        _, robust, _ = mixture_terms(whitened, sigma, model, self._loss)
+        size = measured_sizes(bounds, self._nominal(sigma) / sigma, whitened, robust, self._parameters)
+        self.size.update(zip(pair, size[bounds[:-1]].tolist(), strict=True))
         odds, _ = burst_nlos_odds_of_pairs(bounds, t, whitened / size, sigma * size, prior, self._loss, bursts)
         # The loss has the model's sigma: at these residuals it is to say what the chain says.
         narrower = 0.5 * np.minimum(whitened, 0.0) ** 2 * (size**-2 - 1.0)
         odds = np.minimum(odds * size * np.exp(np.minimum(narrower, _SUREST)), np.exp(_SUREST))
-        weight = self._measured_weights(part, whitened, odds) if weigh else part[:, WEIGHT]
+        weight = self._measured_weights(part, whitened, odds)
         inlier, inlier_before = (mixture_terms(whitened, sigma, of, self._loss)[2] for of in (odds, before))
         changed = np.abs(inlier - inlier_before) > _CHANGED
         changed |= np.abs(np.log(weight / part[:, WEIGHT])) > 2.0 * _CHANGED

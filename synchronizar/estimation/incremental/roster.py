@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import cos, exp, sin
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,10 +14,9 @@ from synchronizar.data.registration import State
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.kept import kept, restore_kept
 from synchronizar.estimation.incremental.standing import Placed, Standing
-from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import PoseStream, SetAside
-from synchronizar.quaternions import yaw_of_quaternions
 
 
 class Roster:
@@ -123,12 +123,14 @@ class Roster:
     def frame_at(self, user: int, place: Array, log_scale: float, at: Array) -> Array:
         """(4,) x, y, z, yaw: common_from_user of a user whose device is at `place` (4,), SLAM's `at` (3,) repaired."""
         stream = self.streams[user]
-        turned, offset = 0.0, np.zeros(3)
+        turned, (x, y, z) = 0.0, at.tolist()
         if stream is not None:
             axes = stream.current_axes()
-            turned, offset = float(yaw_of_quaternions(axes.quat_xyzw[None])[0]), axes.offset
-        arm = apply_frames(np.array([0.0, 0.0, 0.0, place[3]]), np.exp(log_scale) * (at - offset))
-        return np.append(place[:3] - arm, wrap_angle(float(place[3] + turned)))
+            turned = axes.yaw
+            x, y, z = (at - axes.offset).tolist()
+        scale, c, s = exp(log_scale), cos(place[3]), sin(place[3])
+        arm = scale * np.array([c * x - s * y, s * x + c * y, z])
+        return np.array([*(place[:3] - arm).tolist(), wrap_angle(float(place[3]) + turned)])
 
     # To and from plain values
 

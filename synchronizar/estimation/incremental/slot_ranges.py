@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from synchronizar._core import RangeSlot
+from synchronizar._core import RangeSlot, followed_slot
 from synchronizar.arrays import Array, Indices, Mask
 
 T, USER_I, USER_J, DISTANCE, SIGMA, ODDS, LINK, SLOT, NLOS_ODDS, WEIGHT, SERIAL = range(11)
@@ -14,6 +14,9 @@ _END = 9  # columns of an end: offset, lever, velocity, (3,) each
 END_I, END_J = SERIAL + 1, SERIAL + 1 + _END
 """Where the columns of both ends begin."""
 _COLUMNS = END_J + _END
+PLACE_COLUMNS = USER_I, USER_J, SLOT, DISTANCE, END_I, END_J
+WEIGHT_COLUMNS = T, SIGMA, ODDS, NLOS_ODDS, WEIGHT
+"""As C++ loops over such tables take them."""
 _FIRST_ROWS = 256
 
 
@@ -59,26 +62,7 @@ class SlotRanges:
         """Rows of a slot."""
         return np.flatnonzero(self.rows[:, SLOT] == slot).astype(np.int32)
 
-    def block(self, which: Indices) -> tuple[list[int], RangeSlot]:
-        """The users of these ranges of one slot, and the ranges for the graph."""
-        return block_of(self.rows[which])
-
 
 def block_of(rows: Array) -> tuple[list[int], RangeSlot]:
     """The users of ranges (n, columns) of one slot, and the ranges for the graph, pair by pair."""
-    rows = rows[np.lexsort([rows[:, USER_J], rows[:, USER_I]])]  # squares are summed fastest so
-    users, ends = np.unique(rows[:, [USER_I, USER_J]].astype(np.int32), return_inverse=True)
-    ends = ends.reshape(-1, 2).astype(np.int32)
-    first = SERIAL + 1
-    i, j = (
-        tuple(np.ascontiguousarray(rows[:, at + 3 * n : at + 3 * n + 3]) for n in range(3))
-        for at in (first, first + _END)
-    )
-    return users.tolist(), RangeSlot(
-        len(users),
-        np.ascontiguousarray(ends[:, 0]),
-        np.ascontiguousarray(ends[:, 1]),
-        (i[0], i[1], i[2]),
-        (j[0], j[1], j[2]),
-        *(rows[:, column].copy() for column in (DISTANCE, SIGMA, NLOS_ODDS, WEIGHT)),
-    )
+    return followed_slot(rows, PLACE_COLUMNS, WEIGHT_COLUMNS)

@@ -7,14 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar._core import followed_apart
+from synchronizar._core import Bursts, NlosMixture, followed_apart, judged_bursts
 from synchronizar.arrays import Array, Indices, Mask
-from synchronizar.estimation.incremental.slot_ranges import DISTANCE, END_I, END_J, SLOT, USER_I, USER_J
+from synchronizar.estimation.incremental.slot_ranges import PLACE_COLUMNS, WEIGHT_COLUMNS
 
 _STAMP, _PLACE, _STATE = 0, slice(1, 4), slice(4, 11)
 _COLUMNS = 11
 _AHEAD = 16  # slots for which there is room when more is made
-_RANGES = (USER_I, USER_J, SLOT, DISTANCE, END_I, END_J)
 
 
 class SlotTable(NamedTuple):
@@ -81,9 +80,26 @@ class SlotStates:
 
     def apart(self, ranges: Array) -> tuple[Array, Array, Array]:
         """Of rows (n, columns) of `SlotRanges`: from j to i (n, 3) m, what radios add (n,) m, residuals (n,) m."""
+        return followed_apart(ranges, PLACE_COLUMNS, *self._states())
+
+    def _states(self) -> tuple[Array, int, int]:
+        """(slots * users, 7) of the window slot by slot, how many users there are, and the first slot."""
         states = np.ascontiguousarray(self._table[: self._end - self._first, :, _STATE])
-        users = states.shape[1]
-        return followed_apart(ranges, _RANGES, states.reshape(-1, states.shape[2]), users, self._first)
+        return states.reshape(-1, states.shape[2]), states.shape[1], self._first
+
+    def judged(
+        self, ranges: Array, since: int, sizes: Array, loss: NlosMixture, bursts: Bursts, surest: float, changed: float
+    ) -> tuple[list[int], Indices, Array]:
+        """Slots from `since` on in which bursts are judged otherwise now, rows of all their ranges, and their odds.
+
+        Of rows (n, columns) of `SlotRanges`. A range is judged otherwise whose probability of line of sight is another
+        one by more than `changed`; `sizes` (users, users): of a pair's errors, of what the model says; `surest`: log
+        odds, at most.
+        """
+        states = self._states()
+        return judged_bursts(
+            ranges, PLACE_COLUMNS, WEIGHT_COLUMNS, *states, since, sizes, loss, bursts, surest, changed
+        )
 
     def residuals(self, ranges: Array) -> Array:
         """(n,) m, predicted minus measured, of rows (n, columns) of `SlotRanges`."""

@@ -43,7 +43,7 @@ NOT_KEPT = {
     "Engine": {"parameters", "_searcher"},
     "Roster": {"parameters"},
     "Following": {"_roster", "_log", "members"},
-    "Tracking": {"users", "streams", "parameters", "_loss"},
+    "Tracking": {"users", "streams", "parameters", "_loss", "_levers"},
     "RangeWeighing": {"_parameters", "_loss"},
     "Schedule": {"_roster", "_following"},
     "Findings": {"_roster", "_following", "_verdicts"},
