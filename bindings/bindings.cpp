@@ -795,31 +795,38 @@ NB_MODULE(_core, m) {
 
   m.def(
       "shifted_groups",
-      [](const Innovations& rows, double since, double until, bool grows, double fewest, double sigma,
-         double looked_at, const NlosMixture& loss, const Bursts& bursts) {
+      [](const Innovations& rows, const std::vector<std::tuple<double, double, bool>>& stretches,
+         double fewest, double sigma, double looked_at, const NlosMixture& loss, const Bursts& bursts) {
         check_innovations(rows);
-        require(since < until, "a stretch must have a length");
         require(sigma > 0.0, "sigma must be positive");
         std::vector<std::tuple<std::vector<int>, Eigen::Vector3d, double>> out;
-        for (auto& [users, shift, gain] :
-             shifted_groups(rows, {since, until, grows}, {fewest, sigma, looked_at}, loss, bursts)) {
-          out.emplace_back(std::move(users), shift, gain);
+        for (const auto& [since, until, grows] : stretches) {
+          require(since < until, "a stretch must have a length");
+          for (auto& [users, shift, gain] :
+               shifted_groups(rows, {since, until, grows}, {fewest, sigma, looked_at}, loss, bursts)) {
+            out.emplace_back(std::move(users), shift, gain);
+          }
         }
         return out;
       },
-      "rows"_a, "since"_a, "until"_a, "grows"_a, "fewest"_a, "sigma"_a, "looked_at"_a, "loss"_a, "bursts"_a);
+      "rows"_a, "stretches"_a, "fewest"_a, "sigma"_a, "looked_at"_a, "loss"_a, "bursts"_a);
 
   m.def(
       "worst_misfit",
-      [](const Innovations& rows, double since, double sigmas, double fewest, double many, double short_share,
-         double off_share, bool lasting) -> std::optional<std::pair<int, double>> {
+      [](const Innovations& rows, const std::vector<std::pair<double, bool>>& stretches, double sigmas,
+         double fewest, double many, double short_share,
+         double off_share) -> std::optional<std::tuple<size_t, int, double>> {
         check_innovations(rows);
         require(0.0 < short_share && short_share < 1.0 && off_share > 0.0, "shares must be in (0, 1)");
-        const auto found = worst_misfit(rows, since, {sigmas, fewest, many, short_share, off_share, lasting});
-        if (!found) return std::nullopt;
-        return std::pair(found->user, found->share);
+        for (size_t n = 0; n < stretches.size(); ++n) {
+          const auto [since, lasting] = stretches[n];
+          const auto found =
+              worst_misfit(rows, since, {sigmas, fewest, many, short_share, off_share, lasting});
+          if (found) return std::tuple(n, found->user, found->share);
+        }
+        return std::nullopt;
       },
-      "rows"_a, "since"_a, "sigmas"_a, "fewest"_a, "many"_a, "short_share"_a, "off_share"_a, "lasting"_a);
+      "rows"_a, "stretches"_a, "sigmas"_a, "fewest"_a, "many"_a, "short_share"_a, "off_share"_a);
 
   m.def(
       "search_heights",

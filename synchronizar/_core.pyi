@@ -509,38 +509,35 @@ def common_shift(
 
 def shifted_groups(
     rows: Array,
-    since: float,
-    until: float,
-    grows: bool,
+    stretches: list[tuple[float, float, bool]],
     fewest: float,
     sigma: float,
     looked_at: float,
     loss: NlosMixture,
     bursts: Bursts,
 ) -> list[tuple[list[int], Array, float]]:
-    """Groups of users whose ranges since then (s) one shift of theirs explains better, the best first.
+    """Groups of users whose ranges one shift of theirs explains better, of each stretch of time the best first.
 
     `rows` (n, 11) are innovations. Of each group its users, its shift (3,) m at the end, and the log likelihood that
-    this gains. `grows`: evenly from `since` to `until`, or else the shift is there all along. `fewest` ranges are
-    needed, in all and of a group; `sigma` (m) is that of a shift's prior; `looked_at`: log likelihood by a linear score
-    from which on a shift is fitted.
+    this gains. `stretches`: since when and until when (s), and whether the shift grows evenly from none at the begin,
+    or else is there all along. `fewest` ranges are needed, in all and of a group; `sigma` (m) is that of a shift's
+    prior; `looked_at`: log likelihood by a linear score from which on a shift is fitted.
     """
 
 def worst_misfit(
     rows: Array,
-    since: float,
+    stretches: list[tuple[float, bool]],
     sigmas: float,
     fewest: float,
     many: float,
     short_share: float,
     off_share: float,
-    lasting: bool,
-) -> tuple[int, float] | None:
-    """The user whose innovations (n, 11) since then (s) fit worst, and the share of them that do not.
+) -> tuple[int, int, float] | None:
+    """The first stretch in which a user's innovations (n, 11) do not fit, the user that fits worst, and the share.
 
-    None where that may be chance: of a user's ranges a share may be too short by `sigmas`, and three standard
-    deviations of a binomial count more. Where the stretch is `lasting` and a user has `many`, no more than `off_share`
-    may be off to either side. `fewest` ranges are needed, in all and of a user.
+    None where all may be chance: of a user's ranges a share may be too short by `sigmas`, and three standard deviations
+    of a binomial count more. `stretches`: since when (s), and whether it is a lasting one: there, where a user has
+    `many`, no more than `off_share` may be off to either side. `fewest` ranges are needed, in all and of a user.
     """
 
 def search_heights(

@@ -30,7 +30,9 @@ _NUMBERS = 7  # of a user and slot
 _SPANS = (slice(0, 3), slice(3, 4), slice(4, 7))  # of X, H and D among a user's seven numbers
 _NEVER = 10**9  # updates: iSAM2 linearises anew when it is told to, so that the order of time can be kept
 _VARIABLES = 3  # a user and slot
-_ALL = slice(None)
+_ALL, _NONE = slice(None), slice(0)
+_RECENT = 12  # slots
+_OLDER = 2.0  # times the thresholds: how far estimates of older slots may be from where they were linearised
 _CLIQUE_SLOTS = 2  # before a slot, that its cliques may hold variables of
 _WHOLE = 0.5  # of all variables: gtsam orders all where it eliminates more than 0.65 of them
 _MOST_SLOTS = 4096  # whose keys are remembered
@@ -170,6 +172,15 @@ class Follower:
         """All variables of slots."""
         return [key for slot in slots for key in _keys(tuple(self._slots[slot]), slot)]
 
+    def linearize_by_turns(self) -> None:
+        """Take in what was put, and solve: estimates that need it are linearised anew, seldom those of the older slots.
+
+        What slots that are long past tell of now depends little on where they are linearised; but all that came after
+        them has to be eliminated anew with them, and where that is most of the tree, gtsam linearises it all.
+        """
+        recent = slice(-_RECENT, None)
+        self.update(_ALL if self._stale(slice(-_RECENT), _OLDER) is not None else recent)
+
     def _affected(self, slots: list[int], first: int) -> tuple[int, int]:
         """From which of `slots` on all is eliminated anew where `first` is touched, and from which on it is ordered.
 
@@ -196,8 +207,11 @@ class Follower:
             self._ordered = present, groups
         return self._ordered[1]
 
-    def _stale(self, among: slice = _ALL) -> int | None:
-        """The first slot, among these, from which on estimates are to be linearised anew; None: all are near enough."""
+    def _stale(self, among: slice = _ALL, beyond: float = 1.0) -> int | None:
+        """The first slot, among these, from which on estimates are to be linearised anew; None: all are near enough.
+
+        `beyond`: how many times the thresholds is too far.
+        """
         if not self._at.size():
             return None
         at = [(user, slot) for slot, users in list(self._slots.items())[among] for user in users]
@@ -209,7 +223,7 @@ class Follower:
         off = np.abs(self._tree.getDelta().vector(wanted)).reshape(-1, _NUMBERS) / np.concatenate(
             list(_THRESHOLDS.values())
         )
-        if not self._moved(at, off, 1.0):
+        if not self._moved(at, off, beyond):
             return None
         return min(slot for _, slot in self._moved(at, off, _ALONG))
 
@@ -283,7 +297,9 @@ class Follower:
         leaves = [slot for slot in self._slots if slot < before]
         if not leaves:
             return
-        self.update(slice(len(leaves) + 1))  # they stay linearised where they are, and those after them that they tie
+        # They stay linearised where they are, and so do those after them that they tie.
+        leaving = slice(len(leaves) + 1)
+        self.update(_ALL if self._stale(leaving, _OLDER) is not None else _NONE)
         marginal = self._keys_of(leaves)
         left, gone = self._tree.marginalizeLeavesWithIndices(_key_list(marginal))
         deleted = set(gone)

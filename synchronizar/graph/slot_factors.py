@@ -8,6 +8,7 @@ relative frame composed with SLAM's own pose of that moment, so a drift of the h
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from math import cos, exp, pi, sin
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -176,6 +177,13 @@ def height_prior(user: int, slot: int, height: float, sigma: float) -> gtsam.Pri
     return gtsam.PriorFactorDouble(keys.slot_height(user, slot), height, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
 
 
+@lru_cache
+def _columns_of(users: int) -> tuple[list[slice], Array]:
+    """Where X, H and D of each user stand among the columns of ranges, and the units of these and of the residual."""
+    widths = [slice(7 * n + a, 7 * n + b) for n in range(users) for a, b in ((0, 3), (3, 4), (4, 7))]
+    return widths, np.append(np.tile(np.concatenate([np.ones(4), CALIBRATION_UNITS]), users), 1.0)
+
+
 def ranges_factor(
     slot: int, users: Sequence[int], ranges: RangeSlot, loss: Loss, curvature: Array | None = None
 ) -> gtsam.CustomFactor:
@@ -185,8 +193,7 @@ def ranges_factor(
     `RangeSlot.square_root`.
     """
     of_each = [(keys.slot_pose(u, slot), keys.slot_height(u, slot), keys.slot_calibration(u, slot)) for u in users]
-    widths = [slice(7 * n + a, 7 * n + b) for n in range(len(users)) for a, b in ((0, 3), (3, 4), (4, 7))]
-    units = np.append(np.tile(np.concatenate([np.ones(4), CALIBRATION_UNITS]), len(users)), 1.0)
+    widths, units = _columns_of(len(users))
     shape = len(users), 7
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:

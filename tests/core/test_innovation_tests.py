@@ -93,7 +93,7 @@ def test_groups_that_moved_are_found_as_by_sums_over_pairs(users: int, grows: bo
     for seed in range(8):
         moved = frozenset(range(seed % 3))
         rows = innovations(users, moved, grows, seed)
-        found = shifted_groups(rows, SINCE, UNTIL, grows, FEWEST, SHIFT_SIGMA, LOOKED_AT, LOSS, BURSTS)
+        found = shifted_groups(rows, [(SINCE, UNTIL, grows)], FEWEST, SHIFT_SIGMA, LOOKED_AT, LOSS, BURSTS)
         expected = by_numpy(rows, grows)
         assert [frozenset(group) for group, _, _ in found] == [group for group, _, _ in expected]
         for (_, shift, gain), (_, shift_expected, gain_expected) in zip(found, expected, strict=True):
@@ -107,7 +107,7 @@ def test_few_ranges_and_none_tell_of_no_shift() -> None:
     rows = innovations(4, frozenset({0}), False, 0)
     limits = FEWEST, SHIFT_SIGMA, LOOKED_AT
     for part in (rows[:0], rows[rows[:, 0] > SINCE][:5]):
-        assert shifted_groups(part, SINCE, UNTIL, False, *limits, LOSS, BURSTS) == []
+        assert shifted_groups(part, [(SINCE, UNTIL, False)], *limits, LOSS, BURSTS) == []
 
 
 def misfit_by_numpy(rows: Array, since: float, lasting: bool) -> tuple[int, float] | None:
@@ -132,15 +132,15 @@ def test_who_fits_worst_is_told_as_by_counting(lasting: bool) -> None:
     told = 0
     for seed in range(20):
         rows = innovations(4, frozenset({seed % 4}), False, seed)
-        found = worst_misfit(rows, SINCE, 3.0, FEWEST, 20.0, 0.1, 0.6, lasting)
+        found = worst_misfit(rows, [(UNTIL, False), (SINCE, lasting)], 3.0, FEWEST, 20.0, 0.1, 0.6)
         expected = misfit_by_numpy(rows, SINCE, lasting)
         assert (found is None) == (expected is None)
         if found is not None and expected is not None:
-            assert found[0] == expected[0]
-            assert found[1] == pytest.approx(expected[1])
+            assert found[:2] == (1, expected[0])
+            assert found[2] == pytest.approx(expected[1])
             told += 1
     assert told > 2
-    assert worst_misfit(rows[:0], SINCE, 3.0, FEWEST, 20.0, 0.1, 0.6, lasting) is None
+    assert worst_misfit(rows[:0], [(SINCE, lasting)], 3.0, FEWEST, 20.0, 0.1, 0.6) is None
 
 
 def test_innovations_that_make_no_sense_are_refused() -> None:
@@ -150,8 +150,8 @@ def test_innovations_that_make_no_sense_are_refused() -> None:
         wrong = rows.copy()
         wrong[3, column] = value
         with pytest.raises(ValueError, match=r"sigma|user|finite"):
-            shifted_groups(wrong, SINCE, UNTIL, False, *limits, LOSS, BURSTS)
+            shifted_groups(wrong, [(SINCE, UNTIL, False)], *limits, LOSS, BURSTS)
     with pytest.raises(ValueError, match="columns"):
-        worst_misfit(rows[:, :5], SINCE, 3.0, FEWEST, 20.0, 0.1, 0.6, False)
+        worst_misfit(rows[:, :5], [(SINCE, False)], 3.0, FEWEST, 20.0, 0.1, 0.6)
     with pytest.raises(ValueError, match="stretch"):
-        shifted_groups(rows, UNTIL, SINCE, False, *limits, LOSS, BURSTS)
+        shifted_groups(rows, [(UNTIL, SINCE, False)], *limits, LOSS, BURSTS)

@@ -54,11 +54,7 @@ class Contradictions:
         moved = self._moved(now, gauge, trusted)
         if moved is not None:
             return moved
-        rung = None
-        for window in self._parameters.integrity.innovation_windows:
-            rung = self._alarm(window, now)
-            if rung is not None:
-                break
+        rung = self._alarm(now)
         if rung is None:
             return None
         user, reason, window = rung
@@ -76,13 +72,12 @@ class Contradictions:
         """The users whose latest ranges one shift explains so much better that they are there; who may be is noted."""
         m = self._parameters.integrity
         likely: dict[frozenset[int], tuple[float, float]] = {}
-        for window, grows in ((m.shift_steady, False), *((window, True) for window in m.shift_growing)):
-            for found in shifted(self._recent, now, window, grows, self._parameters):
-                length = float(np.linalg.norm(found.shift))
-                wrong = self._wrong(found.users, gauge)
-                gain = found.gain - m.shift_cost * len(wrong & trusted)
-                if length > m.shift_least and gain > likely.get(wrong, (0.0, 0.0))[0]:
-                    likely[wrong] = gain, length
+        for found in shifted(self._recent, now, self._parameters):
+            length = float(np.linalg.norm(found.shift))
+            wrong = self._wrong(found.users, gauge)
+            gain = found.gain - m.shift_cost * len(wrong & trusted)
+            if length > m.shift_least and gain > likely.get(wrong, (0.0, 0.0))[0]:
+                likely[wrong] = gain, length
         best = max((gain for gain, _ in likely.values()), default=0.0)
         # Who is suspected stays so until much less speaks against it.
         enough = m.shift_gain_suspected * (0.5 if self.suspected else 1.0)
@@ -99,15 +94,16 @@ class Contradictions:
         own, rest = (moved, others) if gauge in moved else (others, moved)
         return own if len(own) == 1 and len(rest) > 1 else rest
 
-    def _alarm(self, window: float, now: float) -> tuple[int, str, float] | None:
-        """The user that fits worst over a stretch of time, where that is more than chance."""
+    def _alarm(self, now: float) -> tuple[int, str, float] | None:
+        """The user that fits worst over some stretch of time, where that is more than chance; and how long that is."""
         m = self._parameters.integrity
-        lasting, allowed = window > min(m.innovation_windows), (m.innovation_short_share, m.largest_rejected)
-        counts = float(m.innovation_fewest), float(m.innovation_many)
-        found = worst_misfit(self._recent.rows, now - window, m.innovation_sigmas, *counts, *allowed, lasting)
+        stretches = [(now - window, window > min(m.innovation_windows)) for window in m.innovation_windows]
+        counts, shares = (m.innovation_fewest, m.innovation_many), (m.innovation_short_share, m.largest_rejected)
+        found = worst_misfit(self._recent.rows, stretches, m.innovation_sigmas, *counts, *shares)
         if found is None:
             return None
-        user, share = found
+        stretch, user, share = found
+        window = m.innovation_windows[stretch]
         return user, f"{share:.0%} of its ranges in the last {window:g} s do not fit", window
 
     def _groups(self, window: float, now: float) -> list[list[int]]:

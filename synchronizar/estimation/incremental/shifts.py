@@ -25,13 +25,10 @@ class Shifted(NamedTuple):
     """Log likelihood that the shift gains."""
 
 
-def shifted(recent: Innovations, now: float, window: float, grows: bool, parameters: Parameters) -> list[Shifted]:
-    """Groups of users whose ranges of the last `window` s (s) one shift explains better, the best first.
-
-    `grows`: the shift begins at the window's begin and grows evenly, or else it is there all along.
-    """
+def shifted(recent: Innovations, now: float, parameters: Parameters) -> list[Shifted]:
+    """Groups of users whose latest ranges one shift explains better, which is there all along or grows evenly."""
     m = parameters.integrity
+    stretches = [(now - m.shift_steady, now, False), *((now - window, now, True) for window in m.shift_growing)]
     limits = float(m.innovation_fewest), m.shift_sigma, m.shift_looked_at
-    loss, bursts = nlos_mixture(parameters), bursts_of(parameters)
-    found = shifted_groups(recent.rows, now - window, now, grows, *limits, loss, bursts)
+    found = shifted_groups(recent.rows, stretches, *limits, nlos_mixture(parameters), bursts_of(parameters))
     return [Shifted(frozenset(users), shift, gain) for users, shift, gain in found]

@@ -49,6 +49,7 @@ _REACH = 0.1  # s before and after a range between which the antenna's velocity 
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
 _BURST_SLOTS = 2  # ... and at each update: what came just before tells most of whether a line of sight is blocked
+_LINEARISED_AFTER = 0.45  # s after a slot's begin: what is done once a slot is not all done at once
 _STEPS = 5  # Gauss-Newton steps of a graph that is built anew, one an update
 _MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
@@ -110,7 +111,7 @@ class Tracking:
 
     KEPT: ClassVar[tuple[str, ...]] = (
         *("assumed_clock", "noise", "height_spread", "height_weight", "members", "origin", "_waiting", "_judged_at"),
-        *("_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
+        *("_linearised_at", "_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
     )
 
     def __init__(self, users: tuple[User, ...], streams: list[PoseStream | None], parameters: Parameters) -> None:
@@ -132,7 +133,7 @@ class Tracking:
         self._waiting: NewRanges | None = None
         self.slots = SlotStates(len(users))
         self.weighing = RangeWeighing(parameters)
-        self._judged_at = -1
+        self._judged_at = self._linearised_at = -1
         self._unsettled = 0
         self._untaken: list[Array] = []
         # What factors are made of, for them to be made again.
@@ -255,7 +256,12 @@ class Tracking:
                 self.follower.update()
             self._refresh()
         else:
-            self.follower.update(slice(None if turns else -_BURST_SLOTS - 1, None))
+            slot = self.slot_of(now - _LINEARISED_AFTER)
+            if slot > self._linearised_at:
+                self._linearised_at = slot
+                self.follower.linearize_by_turns()
+            else:
+                self.follower.update(slice(-_BURST_SLOTS - 1, None))
             self._read([(user, tracked.slot) for user, tracked in self.members.items()])
 
     def _read(self, at: list[tuple[int, int]]) -> None:
