@@ -97,16 +97,21 @@ def verdicts(
 
 def nearness(best: Hypothesis, user: int, static: bool, extent: Array, parameters: Parameters) -> float:
     """The factor by which a user's sigmas may grow until it is no longer registered; below 1 it is not registered."""
-    normal = NormalDist()
-    in_plane = parameters.integrity.largest_error / np.sqrt(-2.0 * np.log(parameters.integrity.wrong_share))
-    in_line = normal.inv_cdf(1.0 - 0.5 * parameters.integrity.wrong_share)
-    covariance, yaw = best.covariances[user], best.frames[user, 3]
-    plane, _ = _spread_in_plane(covariance, yaw, extent)
-    height = float(np.sqrt(max(covariance[2, 2], 0.0)))
-    ratios = [in_plane / max(plane, _LEAST), parameters.integrity.largest_error / in_line / max(height, _LEAST)]
-    if not static:
-        ratios.append(parameters.integrity.largest_yaw_error / in_line / max(float(np.sqrt(covariance[3, 3])), _LEAST))
-    return float(min(ratios))
+    yaw = float(best.frames[user, 3])
+    return float(nearness_of(best.covariances[user][None], yaw, static, extent, parameters)[0])
+
+
+def nearness_of(covariances: Array, yaw: float, static: bool, extent: Array, parameters: Parameters) -> Array:
+    """(m,) the same of a user at `yaw` (rad), were these its covariances (m, 4, 4)."""
+    m, normal = parameters.integrity, NormalDist()
+    in_plane = m.largest_error / np.sqrt(-2.0 * np.log(m.wrong_share))
+    in_line = normal.inv_cdf(1.0 - 0.5 * m.wrong_share)
+    plane, _ = _axes(covariances, np.full(len(covariances), yaw), extent)
+    height, heading = np.sqrt(np.maximum(covariances[:, [2, 3], [2, 3]], 0.0)).T
+    near = np.minimum(in_plane / np.maximum(plane, _LEAST), m.largest_error / in_line / np.maximum(height, _LEAST))
+    if static:
+        return near
+    return np.minimum(near, m.largest_yaw_error / in_line / np.maximum(heading, _LEAST))
 
 
 def _state(

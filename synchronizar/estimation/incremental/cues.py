@@ -6,13 +6,14 @@ one after which the user would be nearest to being registered is told.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.estimation.hypotheses import Hypothesis
-from synchronizar.estimation.integrity import nearness
+from synchronizar.estimation.integrity import nearness, nearness_of
 from synchronizar.parameters import Parameters
 
 _DIRECTIONS = 16
@@ -58,9 +59,12 @@ def cue_of(
     now = nearness(best, user, False, extent, parameters)
     if now >= 1.0:
         return None
-    walks = [
-        (phi, n, _after(best, user, here, others, phi, n, extent, parameters) - now) for phi, n in _walks(here, others)
-    ]
+    walks = []
+    for directions, lengths in _walks(here, others):
+        after = _after(best.covariances[user], here, others, directions, lengths, parameters)
+        near = nearness_of(after.reshape(-1, 4, 4), float(best.frames[user, 3]), False, extent, parameters)
+        each = ((phi, length) for phi in directions.tolist() for length in lengths)
+        walks += [(phi, length, gain - now) for (phi, length), gain in zip(each, near.tolist(), strict=True)]
     most = max(gain for _, _, gain in walks)
     if most < _LEAST_GAIN:
         return None
@@ -72,45 +76,35 @@ def cue_of(
     return Cue(direction, length, f"walk {length:.0f} m {_towards(direction, here, others, velocity, names)}")
 
 
-def _walks(here: Array, others: Array) -> list[tuple[float, float]]:
-    """Directions (rad) and lengths (m) of walks: a few metres any way, and up to the side of each of the others.
+def _walks(here: Array, others: Array) -> list[tuple[Array, tuple[float, ...]]]:
+    """Directions (d,) rad and lengths (m) of walks: a few metres any way, and up to the side of each of the others.
 
     Beside somebody the direction to it changes most.
     """
-    out = [(n * 2.0 * np.pi / _DIRECTIONS, length) for n in range(_DIRECTIONS) for length in _LENGTHS]
+    out: list[tuple[Array, tuple[float, ...]]] = [(np.arange(_DIRECTIONS) * 2.0 * np.pi / _DIRECTIONS, _LENGTHS)]
     for x, y in (others - here)[:, :2].tolist():
         length = float(np.hypot(x, y)) - _BESIDE
         if _LENGTHS[-1] < length <= _FARTHEST:
-            out.append((float(np.arctan2(y, x)), length))
+            out.append((np.array([np.arctan2(y, x)]), (length,)))
     return out
 
 
 def _after(
-    best: Hypothesis,
-    user: int,
-    here: Array,
-    others: Array,
-    phi: float,
-    length: float,
-    extent: Array,
-    parameters: Parameters,
-) -> float:
-    """How near to being registered the user is after a straight walk."""
-    steps = np.arange(_SPACING, length + 0.5 * _SPACING, _SPACING)
-    away = steps[:, None] * np.array([np.cos(phi), np.sin(phi), 0.0])
-    lines = (here + away)[:, None] - others[None]
-    lines /= np.maximum(np.linalg.norm(lines, axis=2, keepdims=True), 1e-6)
-    turned = np.stack([-away[:, 1], away[:, 0]], axis=1)
-    rows = np.concatenate([lines, (lines[:, :, :2] * turned[:, None]).sum(axis=2, keepdims=True)], axis=2).reshape(
-        -1, 4
-    )
-    covariance = best.covariances[user]
-    # By the matrix inversion lemma, for a covariance may be all but singular.
-    gain = covariance @ rows.T
-    innovation = rows @ gain + (parameters.ranges.sigma**2 + parameters.ranges.multipath_sigma**2) * np.eye(len(rows))
-    covariances = best.covariances.copy()
-    covariances[user] = covariance - gain @ np.linalg.solve(innovation, gain.T)
-    return nearness(best._replace(covariances=covariances), user, False, extent, parameters)
+    covariance: Array, here: Array, others: Array, directions: Array, lengths: Sequence[float], parameters: Parameters
+) -> Array:
+    """(d, lengths, 4, 4) what becomes of a user's covariance by straight walks of any of these lengths."""
+    steps = np.arange(_SPACING, lengths[-1] + 0.5 * _SPACING, _SPACING)
+    ways = np.stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))], axis=1)
+    away = steps[:, None] * ways[:, None]
+    lines = (here + away)[:, :, None] - others
+    lines /= np.maximum(np.linalg.norm(lines, axis=-1, keepdims=True), 1e-6)
+    turned = np.stack([-away[..., 1], away[..., 0]], axis=-1)
+    rows = np.concatenate([lines, (lines[..., :2] * turned[:, :, None]).sum(axis=-1, keepdims=True)], axis=-1)
+    variance = parameters.ranges.sigma**2 + parameters.ranges.multipath_sigma**2
+    information = np.cumsum(rows.swapaxes(-1, -2) @ rows, axis=1) / variance
+    walked = [len(np.arange(_SPACING, length + 0.5 * _SPACING, _SPACING)) - 1 for length in lengths]
+    # Not by the covariance's inverse: it may be all but singular.
+    return np.asarray(np.linalg.solve(np.eye(4) + covariance @ information[:, walked], covariance))
 
 
 def _towards(direction: float, here: Array, others: Array, velocity: Array, names: list[str]) -> str:
