@@ -108,10 +108,10 @@ def nearness_of(covariances: Array, yaw: float, static: bool, extent: Array, par
     in_line = normal.inv_cdf(1.0 - 0.5 * m.wrong_share)
     plane, _ = _axes(covariances, np.full(len(covariances), yaw), extent)
     height, heading = np.sqrt(np.maximum(covariances[:, [2, 3], [2, 3]], 0.0)).T
-    near = np.minimum(in_plane / np.maximum(plane, _LEAST), m.largest_error / in_line / np.maximum(height, _LEAST))
-    if static:
-        return near
-    return np.minimum(near, m.largest_yaw_error / in_line / np.maximum(heading, _LEAST))
+    ratios = [in_plane / np.maximum(plane, _LEAST), m.largest_error / in_line / np.maximum(height, _LEAST)]
+    if not static:
+        ratios.append(m.largest_yaw_error / in_line / np.maximum(heading, _LEAST))
+    return np.asarray(np.min(ratios, axis=0))
 
 
 def _state(
