@@ -19,7 +19,7 @@ SYNCHRONIZAR_INLINE void fill(const Ranges& ranges, const NlosMixture& loss, dou
   for (Eigen::Index n = 0; n < ranges.size; ++n) {
     const double e = ranges.whitened[n], sigma = ranges.sigma[n],
                  late = per_odds * ranges.nlos_odds[n] * sigma;
-    const LossValue value = branchless(e, 1.0 / sigma, late);
+    const LossValue value = branchless(e, sigma, late);
     const double odd = (e < 0.0 ? late : early_odds * sigma) / (1.0 + e * e * sigma * sigma * per_scale2);
     const double likelihood = exp_of_negative(-0.5 * e * e);
     rho[n] = value.rho;

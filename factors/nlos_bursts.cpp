@@ -39,88 +39,135 @@ struct Ladder {
   }
 };
 
-// What is needed of each range, and of the step that leads to it.
-struct Range {
-  float inlier;                        // likelihood, over the density of a line-of-sight residual at 0
-  float odds;                          // over the typical ones
-  float keeps, to_nlos, keeps_length;  // of the step from the range before
-  float ahead, emitted;                // line of sight: probability given the ranges before; likelihood
-  Lengths nlos_ahead, nlos_emitted;
-};
+// Chains that are run in turn: a step waits for the step before it, but not for the other chains'.
+constexpr size_t kTogether = 4;
 
 SYNCHRONIZAR_INLINE float sum_of(const Lengths& values) {
   std::array<float, kLanes> lanes{};
   for (size_t m = 0; m < kLengths; m += kLanes) {
     for (size_t l = 0; l < kLanes; ++l) lanes[l] += values[m + l];
   }
-  return ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5])) + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]));
+  for (size_t half = kLanes / 2; half > 0; half /= 2) {
+    for (size_t l = 0; l < half; ++l) lanes[l] += lanes[l + half];
+  }
+  return lanes[0];
 }
 
+// What is needed of each range, and of the step that leads to it.
 struct Chain {
-  Eigen::Index size;
-  const double *t, *whitened, *sigma, *nlos_odds;
-  const NlosMixture& loss;
-  const Bursts& bursts;
-  const Ladder& ladder;
+  Eigen::Index size = 0;
+  std::vector<float> inlier;  // likelihood, over the density of a line-of-sight residual at 0
+  std::vector<float> keeps, to_nlos, keeps_length;  // of the step from the range before
+  std::vector<float> ahead, is_inlier, is_nlos;  // line of sight, given the ranges before; given all others
+  std::vector<Lengths> nlos_ahead, nlos_emitted;
+
+  void resize(Eigen::Index to) {
+    size = to;
+    const auto n = static_cast<size_t>(to);
+    if (n <= inlier.size()) return;
+    for (auto* column : {&inlier, &keeps, &to_nlos, &keeps_length, &ahead, &is_inlier, &is_nlos})
+      column->resize(n);
+    nlos_ahead.resize(n);
+    nlos_emitted.resize(n);
+  }
 };
 
-// Odds into `odds` (n); returns the cost. `work` is memory.
-SYNCHRONIZAR_INLINE double run(const Chain& c, std::vector<Range>& work, double* odds) {
-  const double share = c.bursts.share;
-  const double rate = 1.0 / (c.bursts.mean_duration * (1.0 - share));
-  const double typical_odds = share / (1.0 - share);
-  const Lengths prior = c.ladder.prior;
-  Range* const ranges = work.data();
+struct Given {
+  Eigen::Index size;
+  const double *t, *whitened, *sigma, *nlos_odds;
+};
 
-  for (Eigen::Index k = 0; k < c.size; ++k) {
-    Range& r = ranges[k];
-    const double dt = k > 0 ? c.t[k] - c.t[k - 1] : 0.0;
-    const double e = c.whitened[k], s = c.sigma[k] / c.loss.scale;
-    const double keeps = exp_of_negative(-rate * dt);
-    r.keeps = static_cast<float>(keeps);
-    r.to_nlos = static_cast<float>(share * (1.0 - keeps));
-    r.keeps_length =
-        static_cast<float>(c.bursts.keeps_length * exp_of_negative(-dt / c.bursts.mean_duration));
-    const double early = e > 0.0 ? c.loss.background(e, {c.sigma[k], 0.0}) / (1.0 + e * e * s * s) : 0.0;
-    r.inlier = static_cast<float>(exp_of_negative(-0.5 * e * e) + early + kLeast);
-    r.odds = static_cast<float>(c.nlos_odds[k] / typical_odds);
+struct Model {
+  const NlosMixture& loss;
+  const Bursts& bursts;
+  Ladder ladder;
+  double rate, typical_odds;
+
+  Model(const NlosMixture& of, const Bursts& with)
+      : loss(of),
+        bursts(with),
+        ladder(with.fluctuation),
+        rate(1.0 / (with.mean_duration * (1.0 - with.share))),
+        typical_odds(with.share / (1.0 - with.share)) {}
+};
+
+// Steps and likelihoods of a chain.
+SYNCHRONIZAR_INLINE void prepare(const Given& given, const Model& model, Chain& chain) {
+  const double share = model.bursts.share, rate = model.rate, per_duration = 1.0 / model.bursts.mean_duration;
+  const double keeps_length = model.bursts.keeps_length, per_scale = 1.0 / model.loss.scale;
+  const double early_odds = model.loss.background(1.0, {1.0, 0.0});
+  const double *t = given.t, *whitened = given.whitened, *sigma = given.sigma;
+  float *keeps_to = chain.keeps.data(), *to_nlos = chain.to_nlos.data(),
+        *length_to = chain.keeps_length.data();
+  float* inlier = chain.inlier.data();
+  if (given.size > 0) {
+    keeps_to[0] = 1.0F;
+    to_nlos[0] = 0.0F;
+    length_to[0] = static_cast<float>(keeps_length);
   }
-
-  // Forward: the state probabilities of each range given those before it. Most ranges have the sigma of the
-  // one before.
-  double of_sigma = -1.0, cost = 0.0;
-  double likelihood = 1.0;  // of the ranges whose logarithm has not been taken yet
-  Lengths length{}, exponent{}, peak{}, nlos{};
-  auto inlier = static_cast<float>(1.0 - share), was_nlos = static_cast<float>(share);
-  for (size_t m = 0; m < kLengths; ++m) nlos[m] = was_nlos * prior[m];
-  for (Eigen::Index k = 0; k < c.size; ++k) {
-    Range& r = ranges[k];
-    if (c.sigma[k] != of_sigma) {
-      of_sigma = c.sigma[k];
-      const auto per_sigma = static_cast<float>(c.loss.scale / of_sigma);
+  for (Eigen::Index k = 1; k < given.size; ++k) {
+    const double dt = t[k] - t[k - 1];
+    const double keeps = exp_of_negative(-rate * dt);
+    keeps_to[k] = static_cast<float>(keeps);
+    to_nlos[k] = static_cast<float>(share * (1.0 - keeps));
+    length_to[k] = static_cast<float>(keeps_length * exp_of_negative(-per_duration * dt));
+  }
+  for (Eigen::Index k = 0; k < given.size; ++k) {
+    const double e = whitened[k], s = sigma[k] * per_scale;
+    const double early = early_odds * sigma[k] / (1.0 + e * e * s * s);
+    inlier[k] = static_cast<float>(exp_of_negative(-0.5 * e * e) + (e > 0.0 ? early : 0.0) + kLeast);
+  }
+  // Most ranges have the sigma of the one before.
+  const double per_typical_odds = 1.0 / model.typical_odds;
+  double of_sigma = -1.0;
+  Lengths length{}, exponent{}, peak{};
+  for (Eigen::Index k = 0; k < given.size; ++k) {
+    if (sigma[k] != of_sigma) {
+      of_sigma = sigma[k];
+      const auto per_sigma = static_cast<float>(model.loss.scale / of_sigma);
       for (size_t m = 0; m < kLengths; ++m) {
-        const float variance = c.ladder.variance[m] * (per_sigma * per_sigma) + 1.0F;
-        length[m] = c.ladder.length[m] * per_sigma;
+        const float variance = model.ladder.variance[m] * (per_sigma * per_sigma) + 1.0F;
+        length[m] = model.ladder.length[m] * per_sigma;
         exponent[m] = -0.5F / variance;
         peak[m] = 1.0F / std::sqrt(variance);
       }
     }
-    if (k > 0) {
-      const float stays = r.to_nlos + r.keeps;
-      const float anew = (1.0F - r.keeps_length) * stays * was_nlos + r.to_nlos * inlier;
-      inlier = (1.0F - r.to_nlos) * inlier + (1.0F - stays) * was_nlos;
-      for (size_t m = 0; m < kLengths; ++m) nlos[m] = stays * r.keeps_length * nlos[m] + anew * prior[m];
-    }
-    r.ahead = inlier;
-    r.nlos_ahead = nlos;
-    const auto e = static_cast<float>(c.whitened[k]);
+    const auto e = static_cast<float>(whitened[k]),
+               odds = static_cast<float>(given.nlos_odds[k] * per_typical_odds);
+    Lengths& emitted = chain.nlos_emitted[static_cast<size_t>(k)];
     for (size_t m = 0; m < kLengths; ++m) {
       const float off = e + length[m];
-      r.nlos_emitted[m] =
-          (exp_of_negative(exponent[m] * off * off) * peak[m] + static_cast<float>(kLeast)) * r.odds;
-      nlos[m] *= r.nlos_emitted[m];
+      emitted[m] = (exp_of_negative(exponent[m] * off * off) * peak[m] + static_cast<float>(kLeast)) * odds;
     }
-    inlier *= r.inlier;
+  }
+}
+
+// The state probabilities of each range given those before it.
+struct Forward {
+  float inlier, was_nlos;
+  Lengths nlos;
+  double cost = 0.0, likelihood = 1.0;  // of the ranges whose logarithm has not been taken yet
+
+  SYNCHRONIZAR_INLINE void begin(const Model& model) {
+    inlier = static_cast<float>(1.0 - model.bursts.share);
+    was_nlos = static_cast<float>(model.bursts.share);
+    for (size_t m = 0; m < kLengths; ++m) nlos[m] = was_nlos * model.ladder.prior[m];
+  }
+
+  SYNCHRONIZAR_INLINE void step(Chain& chain, Eigen::Index at, const Lengths& prior) {
+    const auto k = static_cast<size_t>(at);
+    if (at > 0) {
+      const float to_nlos = chain.to_nlos[k], keeps_length = chain.keeps_length[k];
+      const float stays = to_nlos + chain.keeps[k];
+      const float anew = (1.0F - keeps_length) * stays * was_nlos + to_nlos * inlier;
+      inlier = (1.0F - to_nlos) * inlier + (1.0F - stays) * was_nlos;
+      for (size_t m = 0; m < kLengths; ++m) nlos[m] = stays * keeps_length * nlos[m] + anew * prior[m];
+    }
+    chain.ahead[k] = inlier;
+    chain.nlos_ahead[k] = nlos;
+    const Lengths& emitted = chain.nlos_emitted[k];
+    for (size_t m = 0; m < kLengths; ++m) nlos[m] *= emitted[m];
+    inlier *= chain.inlier[k];
     was_nlos = sum_of(nlos);
     const float sum = inlier + was_nlos;
     likelihood *= static_cast<double>(sum);
@@ -133,73 +180,125 @@ SYNCHRONIZAR_INLINE double run(const Chain& c, std::vector<Range>& work, double*
     was_nlos *= per_sum;
     for (size_t m = 0; m < kLengths; ++m) nlos[m] *= per_sum;
   }
-  cost -= std::log(likelihood);
+};
 
-  // Backward: the likelihood of the ranges after each one, given its state.
-  float after_inlier = 1.0F;
-  Lengths after_nlos, both;
-  after_nlos.fill(1.0F);
-  for (Eigen::Index k = c.size - 1; k >= 0; --k) {
-    const Range& r = ranges[k];
+// The likelihood of the ranges after each one, given its state.
+struct Backward {
+  float after_inlier;
+  Lengths after_nlos;
+
+  SYNCHRONIZAR_INLINE void begin() {
+    after_inlier = 1.0F;
+    after_nlos.fill(1.0F);
+  }
+
+  SYNCHRONIZAR_INLINE void step(Chain& chain, Eigen::Index at, const Lengths& prior) {
+    const auto k = static_cast<size_t>(at);
+    Lengths both;
     // Line of sight by its neighbours alone: the range's own residual enters by the loss.
-    const double is_inlier = static_cast<double>(r.ahead) * after_inlier;
-    for (size_t m = 0; m < kLengths; ++m) after_nlos[m] *= r.nlos_emitted[m];
-    for (size_t m = 0; m < kLengths; ++m) both[m] = r.nlos_ahead[m] * after_nlos[m];
-    const double is_nlos = sum_of(both);
-    const double s = c.sigma[k] / c.loss.scale, e = c.whitened[k];
-    const double nlos_by_loss = c.loss.background(-1.0, {c.sigma[k], 1.0}) / (1.0 + e * e * s * s);
-    odds[k] = std::clamp(is_nlos / (std::max(is_inlier, 1e-30) * nlos_by_loss), kLeast, 1.0 / kLeast);
-    if (k == 0) break;
+    chain.is_inlier[k] = chain.ahead[k] * after_inlier;
+    const Lengths &emitted = chain.nlos_emitted[k], &ahead = chain.nlos_ahead[k];
+    for (size_t m = 0; m < kLengths; ++m) after_nlos[m] *= emitted[m];
+    for (size_t m = 0; m < kLengths; ++m) both[m] = ahead[m] * after_nlos[m];
+    chain.is_nlos[k] = sum_of(both);
     for (size_t m = 0; m < kLengths; ++m) both[m] = prior[m] * after_nlos[m];
-    const float drawn = sum_of(both), stays = r.to_nlos + r.keeps;
-    const float inlier_next = r.inlier * after_inlier;
-    const float constant = (1.0F - stays) * inlier_next + stays * (1.0F - r.keeps_length) * drawn;
-    after_inlier = (1.0F - r.to_nlos) * inlier_next + r.to_nlos * drawn;
+    const float to_nlos = chain.to_nlos[k], keeps_length = chain.keeps_length[k];
+    const float drawn = sum_of(both), stays = to_nlos + chain.keeps[k];
+    const float inlier_next = chain.inlier[k] * after_inlier;
+    const float constant = (1.0F - stays) * inlier_next + stays * (1.0F - keeps_length) * drawn;
+    after_inlier = (1.0F - to_nlos) * inlier_next + to_nlos * drawn;
     // To about one, so that neither grows or shrinks without bound.
-    const float scale = 1.0F / (after_inlier + constant + stays * r.keeps_length * drawn);
+    const float scale = 1.0F / (after_inlier + constant + stays * keeps_length * drawn);
     after_inlier *= scale;
     for (size_t m = 0; m < kLengths; ++m)
-      after_nlos[m] = scale * (constant + stays * r.keeps_length * after_nlos[m]);
+      after_nlos[m] = scale * (constant + stays * keeps_length * after_nlos[m]);
   }
-  return cost;
+};
+
+SYNCHRONIZAR_INLINE void odds_of(const Given& given, const Model& model, const Chain& chain, double* odds) {
+  const double per_scale = 1.0 / model.loss.scale, late = model.loss.background(-1.0, {1.0, 1.0});
+  const double *whitened = given.whitened, *sigma = given.sigma;
+  const float *is_inlier = chain.is_inlier.data(), *is_nlos = chain.is_nlos.data();
+  for (Eigen::Index k = 0; k < given.size; ++k) {
+    const double s = sigma[k] * per_scale, e = whitened[k], inlier = is_inlier[k];
+    const double ratio =
+        is_nlos[k] * (1.0 + e * e * s * s) / ((inlier > 1e-30 ? inlier : 1e-30) * late * sigma[k]);
+    const double most = ratio < 1.0 / kLeast ? ratio : 1.0 / kLeast;
+    odds[k] = most > kLeast ? most : kLeast;
+  }
 }
 
-SYNCHRONIZAR_AVX2 double run_by_avx2(const Chain& c, std::vector<Range>& work, double* odds) {
-  return run(c, work, odds);
+using Chains = std::array<Chain, kTogether>;
+
+// Odds into `odds`, those of each chain one after the other, and costs of `count` chains. `work` is memory.
+SYNCHRONIZAR_INLINE void run(const Given* given, size_t count, const Model& model, Chains& work,
+                             double* const* odds, double* cost) {
+  std::array<Eigen::Index, kTogether> size{};
+  Eigen::Index longest = 0;
+  std::array<Forward, kTogether> forward;
+  std::array<Backward, kTogether> backward;
+  for (size_t c = 0; c < count; ++c) {
+    size[c] = given[c].size;
+    longest = std::max(longest, size[c]);
+    work[c].resize(size[c]);
+    prepare(given[c], model, work[c]);
+  }
+  const Lengths prior = model.ladder.prior;
+  for (size_t c = 0; c < kTogether; ++c) {
+    forward[c].begin(model);
+    backward[c].begin();
+  }
+  for (Eigen::Index k = 0; k < longest; ++k) {
+    for (size_t c = 0; c < kTogether; ++c) {
+      if (k < size[c]) forward[c].step(work[c], k, prior);
+    }
+  }
+  for (Eigen::Index k = 0; k < longest; ++k) {
+    for (size_t c = 0; c < kTogether; ++c) {
+      if (k < size[c]) backward[c].step(work[c], size[c] - 1 - k, prior);
+    }
+  }
+  for (size_t c = 0; c < count; ++c) {
+    odds_of(given[c], model, work[c], odds[c]);
+    cost[c] = forward[c].cost - std::log(forward[c].likelihood);
+  }
 }
 
-double run_chain(const Chain& c, std::vector<Range>& work, double* odds) {
-  work.resize(std::max(work.size(), static_cast<size_t>(c.size)));
-  return has_avx2() ? run_by_avx2(c, work, odds) : run(c, work, odds);
+SYNCHRONIZAR_AVX2 void run_by_avx2(const Given* given, size_t count, const Model& model, Chains& work,
+                                   double* const* odds, double* cost) {
+  run(given, count, model, work, odds, cost);
 }
 
 }  // namespace
 
-BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column& sigma,
-                          const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
-  const Ladder ladder(bursts.fluctuation);
-  std::vector<Range> work;
-  BurstOdds out{Column(t.size()), 0.0};
-  out.cost =
-      run_chain({t.size(), t.data(), whitened.data(), sigma.data(), nlos_odds.data(), loss, bursts, ladder},
-                work, out.nlos_odds.data());
-  return out;
-}
-
 PairsBurstOdds burst_nlos_odds(const Eigen::VectorXi& bounds, const Column& t, const Column& whitened,
                                const Column& sigma, const Column& nlos_odds, const NlosMixture& loss,
                                const Bursts& bursts) {
-  const Ladder ladder(bursts.fluctuation);
-  std::vector<Range> work;
+  const Model model(loss, bursts);
+  Chains work;
   const Eigen::Index pairs = bounds.size() - 1;
   PairsBurstOdds out{Column(t.size()), Column(pairs)};
-  for (Eigen::Index p = 0; p < pairs; ++p) {
-    const Eigen::Index begin = bounds[p];
-    out.cost[p] = run_chain({bounds[p + 1] - begin, t.data() + begin, whitened.data() + begin,
-                             sigma.data() + begin, nlos_odds.data() + begin, loss, bursts, ladder},
-                            work, out.nlos_odds.data() + begin);
+  for (Eigen::Index p = 0; p < pairs; p += kTogether) {
+    const auto count = static_cast<size_t>(std::min<Eigen::Index>(kTogether, pairs - p));
+    std::array<Given, kTogether> given{};
+    std::array<double*, kTogether> odds{};
+    for (size_t c = 0; c < count; ++c) {
+      const Eigen::Index q = p + static_cast<Eigen::Index>(c), begin = bounds[q];
+      given[c] = {bounds[q + 1] - begin, t.data() + begin, whitened.data() + begin, sigma.data() + begin,
+                  nlos_odds.data() + begin};
+      odds[c] = out.nlos_odds.data() + begin;
+    }
+    has_avx2() ? run_by_avx2(given.data(), count, model, work, odds.data(), out.cost.data() + p)
+               : run(given.data(), count, model, work, odds.data(), out.cost.data() + p);
   }
   return out;
+}
+
+BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column& sigma,
+                          const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
+  PairsBurstOdds found = burst_nlos_odds(Eigen::Vector2i(0, static_cast<int>(t.size())), t, whitened, sigma,
+                                         nlos_odds, loss, bursts);
+  return {std::move(found.nlos_odds), found.cost[0]};
 }
 
 }  // namespace synchronizar

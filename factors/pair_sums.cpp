@@ -11,7 +11,7 @@ namespace {
 
 using std::size_t;
 
-enum Named : std::uint8_t { kXi, kYi, kZi, kXj, kYj, kZj, kMeasured, kPerSigma, kFilled, kNamed };
+enum Named : std::uint8_t { kXi, kYi, kZi, kXj, kYj, kZj, kMeasured, kSigma, kPerSigma, kFilled, kNamed };
 
 struct Pair {
   Place i, j;
@@ -23,13 +23,35 @@ constexpr int kGradient = kNumbers * (kNumbers + 1) / 2, kCost = kGradient + kNu
 
 // All sums, each spread over lanes: the squares' upper triangle by rows, the gradient, the cost, the bend.
 struct Lanes {
-  // NOLINTNEXTLINE(modernize-avoid-c-arrays): plain arrays, as in add_block.
+  // NOLINTBEGIN(modernize-avoid-c-arrays): plain arrays, as in add_block.
   double of[kBend + 1][kLanes] = {};
+  double product[kLanes] = {1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0};  // its logarithm is a part of the cost
+  // NOLINTEND(modernize-avoid-c-arrays)
 
   SYNCHRONIZAR_INLINE void add_dot(int sum, const double* a, const double* b) {
     for (int n = 0; n < kBlock; n += kLanes) {
       for (int l = 0; l < kLanes; ++l) of[sum][l] += a[n + l] * b[n + l];
     }
+  }
+
+  // Logarithms of a block: the exponents now, those of the mantissas' product at the end.
+  SYNCHRONIZAR_INLINE void add_logs(const double* x) {
+    for (int l = 0; l < kLanes; ++l) {
+      double of_lane = product[l], powers = 0.0;
+      for (int n = 0; n < kBlock; n += kLanes) {
+        const Split split = split_of(x[n + l]);
+        of_lane *= split.mantissa;
+        powers += split.exponent;
+      }
+      const Split split = split_of(of_lane);
+      product[l] = split.mantissa;
+      of[kCost][l] += kLogOf2 * (powers + split.exponent);
+    }
+  }
+
+  SYNCHRONIZAR_INLINE void end(double annealing) {
+    const double squared = annealing * annealing;
+    for (int l = 0; l < kLanes; ++l) of[kCost][l] = squared * (of[kCost][l] + log_of_normal(product[l]));
   }
 
   Sums total() const {
@@ -60,13 +82,17 @@ SYNCHRONIZAR_INLINE void add_block(const double* columns, Eigen::Index stride, c
   const double* y_j = columns + kYj * stride;
   const double* z_j = columns + kZj * stride;
   const double* measured = columns + kMeasured * stride;
-  const double* of_sigma = columns + kPerSigma * stride;
+  const double* sigma = columns + kSigma * stride;
+  const double* per_sigma = columns + kPerSigma * stride;
   const double* filled = columns + kFilled * stride;
   const Place i = pair.i, j = pair.j;
   const double between_x = i.x - j.x, between_y = i.y - j.y, between_z = i.z - j.z;
-  const double per_annealing = 1.0 / pair.annealing, squared = pair.annealing * pair.annealing;
-  // NOLINTNEXTLINE(modernize-avoid-c-arrays): what a loop without branches reads and writes.
-  double row[kNumbers][kBlock], weighted[kNumbers][kBlock], slope[kBlock], cost[kBlock], bend[kBlock];
+  const double per_annealing = 1.0 / pair.annealing;
+  // NOLINTBEGIN(modernize-avoid-c-arrays): what loops without branches read and write. Several short loops
+  // wait less than one long one, whose steps are long chains.
+  double row[kNumbers][kBlock], whitened[kBlock], level[kBlock];
+  double information[kBlock], slope[kBlock], cost[kBlock], ratio[kBlock], bend[kBlock];
+  // NOLINTEND(modernize-avoid-c-arrays)
   for (int n = 0; n < kBlock; ++n) {
     const double arm_xi = i.cos_yaw * x_i[n] - i.sin_yaw * y_i[n];
     const double arm_yi = i.sin_yaw * x_i[n] + i.cos_yaw * y_i[n];
@@ -75,32 +101,39 @@ SYNCHRONIZAR_INLINE void add_block(const double* columns, Eigen::Index stride, c
     const double dx = between_x + arm_xi - arm_xj, dy = between_y + arm_yi - arm_yj;
     const double dz = between_z + z_i[n] - z_j[n];
     const double distance = std::sqrt(dx * dx + dy * dy + dz * dz);
-    const double per_sigma = of_sigma[n];
-    const double whitened = (distance - measured[n]) * per_sigma;
-    const LossValue value = loss(whitened * per_annealing, per_sigma, late[n]);
-    cost[n] = squared * value.rho;
+    whitened[n] = (distance - measured[n]) * per_sigma[n];
     if constexpr (!kCostOnly) {
       const double per_distance = distance > 0.0 ? 1.0 / distance : 0.0;
       const double ux = dx * per_distance, uy = dy * per_distance, uz = dz * per_distance;
-      const double least = 0.1 * value.weight;
-      const double curvature = value.curvature > least ? value.curvature : least;
-      const double scaled = per_sigma * filled[n];
-      const double information = (kReweighted ? value.weight : curvature) * per_sigma * scaled;
-      slope[n] = value.weight * whitened * scaled;
-      bend[n] = slope[n] * (1.0 - uz * uz) * per_distance;
+      level[n] = (1.0 - uz * uz) * per_distance;
       row[0][n] = ux;
       row[1][n] = uy;
       row[2][n] = uz;
       row[3][n] = uy * arm_xi - ux * arm_yi;
       row[4][n] = ux * arm_yj - uy * arm_xj;
-      for (int k = 0; k < kNumbers; ++k) weighted[k][n] = information * row[k][n];
+    }
+  }
+  for (int n = 0; n < kBlock; ++n) {
+    const SplitLoss value = loss.split(whitened[n] * per_annealing, sigma[n], late[n]);
+    cost[n] = value.plain;
+    ratio[n] = filled[n] > 0.0 ? value.ratio : 1.0;
+    if constexpr (!kCostOnly) {
+      const double least = 0.1 * value.weight;
+      const double curvature = value.curvature > least ? value.curvature : least;
+      const double scaled = per_sigma[n] * filled[n];
+      information[n] = (kReweighted ? value.weight : curvature) * per_sigma[n] * scaled;
+      slope[n] = value.weight * whitened[n] * scaled;
+      bend[n] = slope[n] * level[n];
     }
   }
   sums.add_dot(kCost, cost, filled);
+  sums.add_logs(ratio);
   if constexpr (!kCostOnly) {
     int next = 0;
     for (int a = 0; a < kNumbers; ++a) {
-      for (int b = a; b < kNumbers; ++b) sums.add_dot(next++, weighted[a], row[b]);
+      double weighted[kBlock];  // NOLINT(modernize-avoid-c-arrays): as above
+      for (int n = 0; n < kBlock; ++n) weighted[n] = information[n] * row[a][n];
+      for (int b = a; b < kNumbers; ++b) sums.add_dot(next++, weighted, row[b]);
     }
     for (const auto& of_number : row) sums.add_dot(next++, slope, of_number);
     sums.add_dot(kBend, bend, filled);
@@ -119,6 +152,7 @@ SYNCHRONIZAR_INLINE Sums sums_of(const Rows& rows, const Pair& pair, const Loss&
   Lanes out;
   for (Eigen::Index n = 0; n < rows.size; n += kBlock)
     add_block<Loss, kCostOnly, kReweighted>(rows.columns + n, rows.stride, rows.late + n, pair, loss, out);
+  out.end(pair.annealing);
   return out.total();
 }
 
@@ -151,7 +185,7 @@ Columns::Columns(const std::vector<Eigen::Index>& counts) : begin_{0} {
   for (const Eigen::Index count : counts)
     begin_.push_back(begin_.back() + (count + kBlock - 1) / kBlock * kBlock);
   values_.setZero(begin_.back(), kNamed);
-  values_.col(kPerSigma).setOnes();
+  values_.middleCols(kSigma, 2).setOnes();
 }
 
 void Columns::fill(Eigen::Index pair, const Eigen::Ref<const Points>& i, const Eigen::Ref<const Points>& j,
@@ -163,6 +197,7 @@ void Columns::fill(Eigen::Index pair, const Eigen::Ref<const Points>& i, const E
       values_(to, kXj + axis) = j(n, axis);
     }
     values_(to, kMeasured) = measured[n];
+    values_(to, kSigma) = sigma[n];
     values_(to, kPerSigma) = 1.0 / sigma[n];
     values_(to, kFilled) = 1.0;
   }

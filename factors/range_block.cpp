@@ -51,37 +51,70 @@ double RangeBlock::cost(const UserPose& i, const UserPose& j, const Loss& loss) 
 
 namespace {
 
-// One range's loss at each height difference from `first` (m) on in steps, added to `out` (n).
+// One range at each height difference from `first` (m) on in steps.
 struct Heights {
-  double level2, first, step, measured, per_sigma;
+  double level2, first, step, measured, sigma;
   Eigen::Index count;
 };
 
-SYNCHRONIZAR_INLINE void add_profile(const Heights& at, const BranchlessMixture& loss, double late,
-                                     double* out) {
+// The sum of losses at each of them. Of those whose logarithm is not taken yet it is kept as the product of
+// the mantissas and the sum of the exponents.
+struct Profile {
+  static constexpr int kMostHeld = 512;  // mantissas are about one: so many do not overflow
+
+  Column sum;
+  Eigen::ArrayXd product, exponent;
+  int held = 0;
+
+  explicit Profile(Eigen::Index size)
+      : sum(Column::Zero(size)), product(Eigen::ArrayXd::Ones(size)), exponent(Eigen::ArrayXd::Zero(size)) {}
+
+  void take_logarithms() {
+    if (held == 0) return;
+    sum.array() += kLogOf2 * exponent + product.log();
+    product.setOnes();
+    exponent.setZero();
+    held = 0;
+  }
+};
+
+struct ProfileRows {
+  double *sum, *product, *exponent;
+};
+
+SYNCHRONIZAR_INLINE void add_profile(const Heights& heights, const BranchlessMixture& loss, double late,
+                                     const ProfileRows& out) {
+  const Heights at = heights;
+  const double per_sigma = 1.0 / at.sigma;
   for (Eigen::Index s = 0; s < at.count; ++s) {
     const double z = at.first + static_cast<double>(static_cast<int>(s)) * at.step;
-    const double e = (std::sqrt(at.level2 + z * z) - at.measured) * at.per_sigma;
-    out[s] += loss(e, at.per_sigma, late).rho;
+    const double e = (std::sqrt(at.level2 + z * z) - at.measured) * per_sigma;
+    const SplitLoss value = loss.split(e, at.sigma, late);
+    const Split ratio = split_of(value.ratio);
+    out.sum[s] += value.plain;
+    out.product[s] *= ratio.mantissa;
+    out.exponent[s] += ratio.exponent;
   }
 }
 
 SYNCHRONIZAR_AVX2 void add_profile_by_avx2(const Heights& at, const BranchlessMixture& loss, double late,
-                                           double* out) {
+                                           const ProfileRows& out) {
   add_profile(at, loss, late, out);
 }
 
-void add_profile(const Heights& at, const NlosMixture& loss, const RangeTraits& traits, double* out) {
+void add_profile(const Heights& at, const NlosMixture& loss, const RangeTraits& traits, Profile& profile) {
   const double late = loss.background(-1.0, traits);
   const BranchlessMixture branchless(loss);
+  const ProfileRows out{profile.sum.data(), profile.product.data(), profile.exponent.data()};
   has_avx2() ? add_profile_by_avx2(at, branchless, late, out) : add_profile(at, branchless, late, out);
+  if (++profile.held == Profile::kMostHeld) profile.take_logarithms();
 }
 
 template <class Kind>
-void add_profile(const Heights& at, const Kind& kind, const RangeTraits& traits, double* out) {
+void add_profile(const Heights& at, const Kind& kind, const RangeTraits& traits, Profile& profile) {
   for (Eigen::Index s = 0; s < at.count; ++s) {
     const double z = at.first + static_cast<double>(s) * at.step;
-    out[s] += kind((std::sqrt(at.level2 + z * z) - at.measured) * at.per_sigma, traits).rho;
+    profile.sum[s] += kind((std::sqrt(at.level2 + z * z) - at.measured) / at.sigma, traits).rho;
   }
 }
 
@@ -92,7 +125,7 @@ Column RangeBlock::height_profile(const UserPose& i, const UserPose& j, const Lo
   const CommonFromLocal common_from_i(i), common_from_j(j);
   const double difference_now = i.frame_height - j.frame_height;
   const Eigen::Index n = std::min<Eigen::Index>(size(), most_ranges);
-  Column out = Column::Zero(2 * zero + 1);
+  Profile profile(2 * zero + 1);
   std::visit(
       [&](const auto& kind) {
         for (Eigen::Index k = 0; k < n; ++k) {
@@ -102,13 +135,14 @@ Column RangeBlock::height_profile(const UserPose& i, const UserPose& j, const Lo
                            between.z() - difference_now - zero * step,
                            step,
                            measured_[row],
-                           1.0 / sigma_[row],
-                           out.size()};
-          add_profile(at, kind, traits(row), out.data());
+                           sigma_[row],
+                           profile.sum.size()};
+          add_profile(at, kind, traits(row), profile);
         }
       },
       loss);
-  return out * (static_cast<double>(size()) / static_cast<double>(n));
+  profile.take_logarithms();
+  return profile.sum * (static_cast<double>(size()) / static_cast<double>(n));
 }
 
 RangeBlock::SquareRoot RangeBlock::square_root(const UserPose& i, const UserPose& j, const Loss& loss) const {

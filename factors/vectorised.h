@@ -26,6 +26,8 @@ inline bool has_avx2() {
 #endif
 }
 
+constexpr double kLogOf2 = 0.693147180559945309417;
+
 SYNCHRONIZAR_INLINE std::uint64_t bits_of(double x) {
   std::uint64_t out;
   std::memcpy(&out, &x, sizeof out);
@@ -46,31 +48,32 @@ SYNCHRONIZAR_INLINE double exp_of_negative(double x) {
   const double shifted = x * kPerLog2 + kRound;
   const double whole = shifted - kRound;
   const double r = (x - whole * kLog2High) - whole * kLog2Low;
-  double p = 1.0 / 479001600.0;
-  p = p * r + 1.0 / 39916800.0;
-  p = p * r + 1.0 / 3628800.0;
-  p = p * r + 1.0 / 362880.0;
-  p = p * r + 1.0 / 40320.0;
-  p = p * r + 1.0 / 5040.0;
-  p = p * r + 1.0 / 720.0;
-  p = p * r + 1.0 / 120.0;
-  p = p * r + 1.0 / 24.0;
-  p = p * r + 1.0 / 6.0;
-  p = p * r + 0.5;
-  p = p * r + 1.0;
-  p = p * r + 1.0;
+  // By pairs of terms, which do not wait for each other.
+  const double r2 = r * r, r4 = r2 * r2, r8 = r4 * r4;
+  const double p0 = 1.0 + r, p2 = 0.5 + r * (1.0 / 6.0), p4 = 1.0 / 24.0 + r * (1.0 / 120.0);
+  const double p6 = 1.0 / 720.0 + r * (1.0 / 5040.0), p8 = 1.0 / 40320.0 + r * (1.0 / 362880.0);
+  const double p10 = 1.0 / 3628800.0 + r * (1.0 / 39916800.0);
+  const double p = ((p0 + r2 * p2) + r4 * (p4 + r2 * p6)) + r8 * ((p8 + r2 * p10) + r4 * (1.0 / 479001600.0));
   return double_of(bits_of(p) + (bits_of(shifted) << 52U));
+}
+
+// A normal x > 0 as mantissa * 2^exponent, the mantissa from the root of a half to the root of two.
+struct Split {
+  double mantissa, exponent;
+};
+
+SYNCHRONIZAR_INLINE Split split_of(double x) {
+  constexpr std::uint64_t kOne = 0x3ff0000000000000, kRootHalf = 0x3fe6a09e667f3bcd;
+  constexpr std::uint64_t kTwo52 = 0x4330000000000000;
+  const std::uint64_t exponent = (bits_of(x) + (kOne - kRootHalf)) >> 52U;  // of x over the root of a half
+  return {double_of(bits_of(x) - (exponent << 52U) + kOne),
+          double_of(exponent | kTwo52) - (4503599627370496.0 + 1023.0)};
 }
 
 // log(x) of a normal x > 0, to a few units in the last place of the larger of it and 1.
 SYNCHRONIZAR_INLINE double log_of_normal(double x) {
-  constexpr std::uint64_t kOne = 0x3ff0000000000000, kRootHalf = 0x3fe6a09e667f3bcd;
-  constexpr std::uint64_t kTwo52 = 0x4330000000000000;
-  constexpr double kLog2 = 0.693147180559945309417;
-  const std::uint64_t exponent = (bits_of(x) + (kOne - kRootHalf)) >> 52U;  // of x over the root of a half
-  const double whole = double_of(exponent | kTwo52) - (4503599627370496.0 + 1023.0);
-  const double m = double_of(bits_of(x) - (exponent << 52U) + kOne);
-  const double f = (m - 1.0) / (m + 1.0), f2 = f * f;
+  const Split split = split_of(x);
+  const double f = (split.mantissa - 1.0) / (split.mantissa + 1.0), f2 = f * f;
   double p = 1.0 / 21.0;
   p = p * f2 + 1.0 / 19.0;
   p = p * f2 + 1.0 / 17.0;
@@ -82,7 +85,7 @@ SYNCHRONIZAR_INLINE double log_of_normal(double x) {
   p = p * f2 + 0.2;
   p = p * f2 + 1.0 / 3.0;
   p = p * f2 + 1.0;
-  return whole * kLog2 + 2.0 * f * p;
+  return split.exponent * kLogOf2 + 2.0 * f * p;
 }
 
 // The same of floats; exp(-87) below.

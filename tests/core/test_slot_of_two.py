@@ -258,7 +258,7 @@ def test_ranges_are_judged_one_by_one() -> None:
     e, sigma, odds = random.normal(0.0, 4.0, 80), random.uniform(0.05, 0.3, 80), random.uniform(0.0, 2.0, 80)
     cost, weight, inlier_probability = mixture_terms(e, sigma, odds, LATE)
     alone = np.array([LATE(*of_range) for of_range in zip(e, sigma, odds, strict=True)])
-    np.testing.assert_allclose(np.column_stack([cost, weight]), alone[:, :2], rtol=1e-14)
+    np.testing.assert_allclose(np.column_stack([cost, weight]), alone[:, :2], rtol=1e-14, atol=1e-15)
     stray = np.where(e < 0.0, odds, LATE.early_odds) * reference.stray_density(e, sigma, LATE.scale)
     density = reference.honest_density(e, sigma)
     np.testing.assert_allclose(inlier_probability, density / (density + stray), rtol=1e-12)

@@ -22,7 +22,7 @@ void a_loss_without_branches_is_the_loss() {
     for (double e = -40.0; e < 40.0; e += 0.37) {
       const RangeTraits range{0.1, odds};
       const LossValue expected = loss(e, range);
-      const LossValue told = BranchlessMixture(loss)(e, 1.0 / range.sigma, loss.background(-1.0, range));
+      const LossValue told = BranchlessMixture(loss)(e, range.sigma, loss.background(-1.0, range));
       CHECK_NEAR(told.rho, expected.rho, 1e-12 * (1.0 + expected.rho));
       CHECK_NEAR(told.weight, expected.weight, 1e-12);
       CHECK_NEAR(told.curvature, expected.curvature, 1e-10);
