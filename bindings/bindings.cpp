@@ -125,6 +125,12 @@ void check_range_weight(const Column& range_weight, Eigen::Index n) {
           "range_weight must be (n,) and positive");
 }
 
+std::vector<std::pair<Column, double>> told(const std::vector<Heights>& found) {
+  std::vector<std::pair<Column, double>> out;
+  for (const Heights& of : found) out.emplace_back(of.height, of.cost);
+  return out;
+}
+
 void check_nlos_odds(const Column& nlos_odds, Eigen::Index n) {
   require(nlos_odds.size() == n, "nlos_odds must be (n,)");
   require((nlos_odds.array() >= 0.0).all() && nlos_odds.allFinite(), "nlos_odds must not be negative");
@@ -512,6 +518,16 @@ NB_MODULE(_core, m) {
           "frames"_a, "nlos_odds"_a, "bursts"_a, "annealing"_a, "rounds"_a, "steps"_a, "gain"_a, "known"_a,
           "same"_a, "hopeless"_a)
       .def(
+          "other_heights",
+          [](const RigidSolver& self, const Frames& frames, const Column& nlos_odds, double most_above,
+             int most) {
+            check_frames(self, frames);
+            check_nlos_odds(nlos_odds, self.size());
+            require(most > 0, "most must be positive");
+            return told(self.other_heights(frames, nlos_odds, most_above, most));
+          },
+          "frames"_a, "nlos_odds"_a, "most_above"_a, "most"_a)
+      .def(
           "covariances",
           [](const RigidSolver& self, const Frames& frames, const Column& nlos_odds) {
             check_frames(self, frames);
@@ -851,10 +867,7 @@ NB_MODULE(_core, m) {
           all.push_back({i, j, block});
           users[static_cast<size_t>(i)].present = users[static_cast<size_t>(j)].present = true;
         }
-        std::vector<std::pair<Column, double>> out;
-        for (const Heights& h : search_heights(users, all, loss, most_above, most))
-          out.emplace_back(h.height, h.cost);
-        return out;
+        return told(search_heights(users, all, loss, most_above, most));
       },
       "frames"_a, "sigma"_a, "free"_a, "pairs"_a, "loss"_a, "most_above"_a, "most"_a);
 

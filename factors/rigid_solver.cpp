@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "factors/gauss_newton.h"
+#include "factors/range_block.h"
 
 namespace synchronizar {
 
@@ -250,6 +251,29 @@ RigidOptimum RigidSolver::run_em(Frames frames, Column nlos_odds, const Bursts& 
     before = cost;
     frames = optimize(std::move(frames), about, nlos_odds, annealing, stops.steps, 0.25 * stops.gain);
   }
+}
+
+std::vector<Heights> RigidSolver::other_heights(const Frames& frames, const Column& nlos_odds,
+                                                double most_above, int most) const {
+  std::vector<HeightUser> users;
+  for (Eigen::Index u = 0; u < this->users(); ++u) {
+    const auto f = frames.row(u);
+    const UserPose pose = active_[u] ? UserPose{f[0], f[1], f[3], f[2]} : UserPose{};
+    users.push_back({pose, priors_.height[u], at_[u] >= 0, false});
+  }
+  std::vector<RangeBlock> blocks;
+  blocks.reserve(static_cast<size_t>(pairs()));
+  std::vector<HeightPair> all;
+  for (Eigen::Index p = 0; p < pairs(); ++p) {
+    const Eigen::Index begin = ranges_.first[p], count = ranges_.first[p + 1] - begin;
+    blocks.emplace_back(ranges_.i.middleRows(begin, count), ranges_.j.middleRows(begin, count),
+                        ranges_.measured.segment(begin, count), ranges_.sigma.segment(begin, count),
+                        nlos_odds.segment(begin, count));
+    const int i = ranges_.user_i[p], j = ranges_.user_j[p];
+    all.push_back({i, j, &blocks.back()});
+    users[static_cast<size_t>(i)].present = users[static_cast<size_t>(j)].present = true;
+  }
+  return search_heights(users, all, loss_, most_above, most);
 }
 
 Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor> RigidSolver::covariances(

@@ -10,6 +10,7 @@
 #include <limits>
 #include <vector>
 
+#include "factors/height_search.h"
 #include "factors/loss.h"
 #include "factors/nlos_bursts.h"
 #include "factors/pair_sums.h"
@@ -80,6 +81,10 @@ class RigidSolver {
   // Optimises frames and estimates odds in turn.
   RigidOptimum run_em(Frames frames, Column nlos_odds, const Bursts& bursts, double annealing,
                       const RigidStops& stops) const;
+
+  // Heights alone that explain the ranges as well, all else as in `frames` (height_search.h).
+  std::vector<Heights> other_heights(const Frames& frames, const Column& nlos_odds, double most_above,
+                                     int most) const;
 
   // (4 k, 4) covariance of each user's frame at a local optimum, 0 of what is fixed. Where the distances'
   // curvature bends the cost downwards between two equally good heights it counts as far as a tenth of the

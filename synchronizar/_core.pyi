@@ -323,6 +323,9 @@ class RigidSolver:
         they cost more than `hopeless` after a round.
         """
 
+    def other_heights(self, frames: Array, nlos_odds: Array, most_above: float, most: int) -> list[tuple[Array, float]]:
+        """Heights (k,) m that explain the ranges as well, and their costs, as search_heights; frames (k, 4)."""
+
     def covariances(self, frames: Array, nlos_odds: Array) -> Array:
         """(4 k, 4) of each user's x, y, z, yaw at a local optimum, 0 of what is fixed."""
 

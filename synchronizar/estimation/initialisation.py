@@ -7,7 +7,8 @@ ranges to others exclude it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -110,30 +111,57 @@ def _order(observability: Array, spread: Array, static: Mask, active_users: list
     return order
 
 
-def _links(measurements: RangeMeasurements, user: int, active_users: Mask) -> tuple[Indices, Mask]:
-    """Rows of the ranges between a user and `active_users`, and whether the user is j."""
+class _Links(NamedTuple):
+    """The n ranges between a user and those that are placed, pair after pair."""
+
+    other: Indices
+    """(n,)"""
+    own: Array
+    """(n, 3) m: the user's antennas, in its own frame."""
+    others: Array
+    """(n, 3) m: the others', each in its own frame."""
+    distance: Array
+    sigma: Array
+    nlos_odds: Array
+
+
+def _links(measurements: RangeMeasurements, user: int, placed: Mask) -> _Links:
     bounds = pair_bounds(measurements)
     i, j = measurements.i[bounds[:-1]], measurements.j[bounds[:-1]]
-    mine = ((i == user) & active_users[j]) | ((j == user) & active_users[i])
-    count = np.diff(bounds)
-    return np.flatnonzero(np.repeat(mine, count)).astype(np.int32), np.repeat((j == user)[mine], count[mine])
+    mine = np.flatnonzero(((i == user) & placed[j]) | ((j == user) & placed[i]))
+    other, begin, end = np.where(i == user, j, i)[mine], bounds[mine], bounds[mine + 1]
+    slices = [slice(*ends) for ends in zip(begin.tolist(), end.tolist(), strict=True)]
+    ends = (measurements.p_i, measurements.p_j)
+    is_j = (j == user)[mine].tolist()
+
+    def joined(columns: Iterable[Array]) -> Array:
+        return np.concatenate([column[rows] for column, rows in zip(columns, slices, strict=True)])
+
+    return _Links(
+        np.repeat(other, end - begin),
+        joined(ends[k] for k in is_j),
+        joined(ends[not k] for k in is_j),
+        joined(repeat(measurements.distance, len(mine))),
+        joined(repeat(measurements.sigma, len(mine))),
+        joined(repeat(measurements.nlos_odds, len(mine))),
+    )
 
 
 def extend(problem: Problem, candidates: list[Candidate], user: int) -> list[Candidate]:
-    """Each candidate with one more user, at every frame that its ranges to the users in it allow; best first."""
-    measurements, parameters, known = problem.measurements, problem.parameters, problem.users[user]
+    """Each candidate with one more user, at every frame that its ranges to the users in it allow; best first.
+
+    All candidates are of the same users.
+    """
+    parameters, known = problem.parameters, problem.users[user]
+    links = _links(problem.measurements, user, ~np.isnan(candidates[0].frames[:, 0]))
     grown = []
     for candidate in candidates:
-        active_users = ~np.isnan(candidate.frames[:, 0])
-        rows, is_j = _links(measurements, user, active_users)
-        p_i, p_j = measurements.p_i[rows], measurements.p_j[rows]
-        other = np.where(is_j, measurements.i[rows], measurements.j[rows])
         found = search_placements(
-            apply_frames(candidate.frames[other], np.where(is_j[:, None], p_i, p_j)),
-            np.where(is_j[:, None], p_j, p_i),
-            measurements.distance[rows],
-            measurements.sigma[rows],
-            measurements.nlos_odds[rows],
+            apply_frames(candidate.frames[links.other], links.others),
+            links.own,
+            links.distance,
+            links.sigma,
+            links.nlos_odds,
             height_sigma_of(known, parameters),
             not known.static,
             nlos_mixture(parameters),

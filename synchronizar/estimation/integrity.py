@@ -19,7 +19,8 @@ from synchronizar.parameters import Parameters
 _NAMES = ("x", "y", "z", "yaw")
 _Z = 2
 _LEAST = 1e-9  # m and rad: lower bound of a sigma that is divided by
-_DIRECTIONS = 32  # in a quarter turn
+_DIRECTIONS = (np.arange(32) + 0.5) * (0.5 * np.pi / 32)  # rad, evenly in a quarter turn
+_COSINES_2, _SINES_2 = np.cos(_DIRECTIONS) ** 2, np.sin(_DIRECTIONS) ** 2
 
 
 class GraphUsers(Protocol):
@@ -123,16 +124,17 @@ def _state(
     """
     in_plane, in_height, in_heading = _wrong_probabilities(best, user, extent, parameters)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
-    plane, plane_error = _spread_in_plane(covariance, yaw, extent)
+    plane = _sigma_in_plane(covariance, yaw, extent)
     height = float(np.sqrt(max(covariance[2, 2], 0.0)))
     if not static and in_heading > wrong_share:
         direction = covariance[3] / np.linalg.norm(covariance[3])
         heading = np.sqrt(covariance[3, 3])
         return State.UNOBSERVABLE, f"its heading is known to {np.degrees(heading):.0f} deg only (1 sigma)", direction
     if in_plane > wrong_share:
-        where = np.degrees(np.arctan2(plane_error[1], plane_error[0])) % 180.0
+        error = _worst_in_plane(covariance, yaw, extent)
+        where = np.degrees(np.arctan2(error[1], error[0])) % 180.0
         reason = f"its place along {where:.0f} deg is known to {plane:.2f} m only (1 sigma)"
-        return State.UNOBSERVABLE, reason, plane_error
+        return State.UNOBSERVABLE, reason, error
     if in_height > wrong_share:
         direction = covariance[2] / np.linalg.norm(covariance[2])
         return State.UNOBSERVABLE, f"its height is known to {height:.2f} m only (1 sigma)", direction
@@ -178,9 +180,8 @@ def _beyond_in_plane(limit: ArrayLike, long: ArrayLike, short: ArrayLike) -> Arr
     In polar coordinates of the whitened plane it is the mean over the angle of
     exp(-limit^2 / (2 (long^2 cos^2 + short^2 sin^2))).
     """
-    phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
-    variance = np.multiply.outer(np.square(long), np.cos(phi) ** 2)
-    variance += np.multiply.outer(np.square(short), np.sin(phi) ** 2)
+    variance = np.multiply.outer(np.square(long), _COSINES_2)
+    variance += np.multiply.outer(np.square(short), _SINES_2)
     squares = np.square(limit)[..., None]
     return np.asarray(np.exp(-0.5 * squares / np.maximum(variance, _LEAST**2)).mean(axis=-1))
 
@@ -209,13 +210,16 @@ def _extent_jacobians(yaw: Array, extent: Array) -> Array:
     return jacobians
 
 
-def _spread_in_plane(covariance: Array, yaw: float, extent: Array) -> tuple[float, Array]:
-    """The largest horizontal 1 sigma (m) of any extent point (c, 3).
+def _sigma_in_plane(covariance: Array, yaw: float, extent: Array) -> float:
+    """The largest horizontal 1 sigma (m) of any extent point (c, 3)."""
+    long, _ = _axes(covariance[None], np.array([yaw]), extent)
+    return float(long[0])
 
-    And the unit vector (4,) of errors in x, y, z, yaw that go with it.
-    """
+
+def _worst_in_plane(covariance: Array, yaw: float, extent: Array) -> Array:
+    """The unit vector (4,) of errors in x, y, z, yaw that go with it."""
     jacobians = _extent_jacobians(np.array([yaw]), extent)[0]
     variances, directions = np.linalg.eigh(jacobians @ covariance @ jacobians.transpose(0, 2, 1))
     worst = int(np.argmax(variances[:, -1]))
     error = covariance @ jacobians[worst].T @ directions[worst, :, -1]
-    return float(np.sqrt(max(variances[worst, -1], 0.0))), error / max(float(np.linalg.norm(error)), 1e-300)
+    return np.asarray(error / max(float(np.linalg.norm(error)), 1e-300))

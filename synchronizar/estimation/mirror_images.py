@@ -34,16 +34,14 @@ def reflections(measurements: RangeMeasurements, frames: Array, reference: int) 
     the rest only through this pivot can be reflected by itself. A rotation cannot mirror a frame: a reflected user's
     frame is turned so that its own principal axis is mirrored, which is exact only as far as it walks a line too.
     """
-    out = []
+    out: list[Array] = []
     active_users = np.flatnonzero(~np.isnan(frames[:, 0])).tolist()
     linked = ranging(measurements, len(frames))
     own = _own_lines(measurements, len(frames))
     for pivot in active_users:
-        others = linked.copy()
-        others[pivot] = others[:, pivot] = False
         remaining = set(active_users) - {pivot}
         while remaining:
-            part = set(reached_from(min(remaining), others))
+            part = reached_from(min(remaining), linked, without=pivot)
             remaining -= part
             moved = part if reference not in part else set(active_users) - part - {pivot}
             if moved:

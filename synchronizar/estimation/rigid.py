@@ -35,7 +35,8 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     progress(0.1)
     optima = find_optima(graph, starts, stage(progress, 0.1, 0.9))
     best = optima[0]
-    optima = [s for s in optima if s.cost <= best.cost + excluded_above(best)]
+    most = best.cost + excluded_above(best)
+    optima = [s for s in optima if s.cost <= most]
     inflation = _inflation(best)
     systematic = np.flatnonzero(inflation > parameters.integrity.systematic_inflation).tolist()
     assessed = assess(optima, partial(_inflated, graph=graph, inflation=inflation), systematic)

@@ -10,7 +10,7 @@ from synchronizar.arrays import Mask
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, range_measurements
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds, range_measurements
 
 
 @dataclass(frozen=True)
@@ -66,22 +66,23 @@ class Problem:
 
 def connected(measurements: RangeMeasurements, users: int, reference: int) -> list[int]:
     """The users connected to the reference by a chain of ranges, itself included, sorted."""
-    return reached_from(reference, ranging(measurements, users))
+    return sorted(reached_from(reference, ranging(measurements, users)))
 
 
-def ranging(measurements: RangeMeasurements, users: int) -> Mask:
-    """(k, k) whether two users range to each other."""
-    out = np.zeros((users, users), dtype=bool)
-    out[measurements.i, measurements.j] = out[measurements.j, measurements.i] = True
+def ranging(measurements: RangeMeasurements, users: int) -> list[set[int]]:
+    """Whom each of k users ranges to."""
+    begin = pair_bounds(measurements)[:-1]
+    out: list[set[int]] = [set() for _ in range(users)]
+    for i, j in zip(measurements.i[begin].tolist(), measurements.j[begin].tolist(), strict=True):
+        out[i].add(j)
+        out[j].add(i)
     return out
 
 
-def reached_from(user: int, linked: Mask) -> list[int]:
-    """The users that a chain of links (k, k) connects to a user, itself included, sorted."""
-    reached = np.zeros(len(linked), dtype=bool)
-    reached[user] = True
-    while True:
-        grown = reached | linked[reached].any(axis=0)
-        if (grown == reached).all():
-            return np.flatnonzero(reached).tolist()
-        reached = grown
+def reached_from(user: int, linked: list[set[int]], without: int | None = None) -> set[int]:
+    """The users that a chain of links connects to a user, itself included, but for chains by the user `without`."""
+    reached = newest = {user}
+    while newest:
+        newest = set().union(*(linked[u] for u in newest)) - reached - {without}
+        reached = reached | newest
+    return reached

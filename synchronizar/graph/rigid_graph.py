@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from synchronizar._core import RangeBlock, RigidSolver, search_heights
+from synchronizar._core import RigidSolver
 from synchronizar.arrays import Array
 from synchronizar.graph.pose_graph import SAME, EmWeights, LocalOptimum, PoseGraph
 from synchronizar.graph.priors import bursts_of
@@ -18,7 +18,7 @@ from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States
 from synchronizar.preprocessing.centering import centered
 from synchronizar.preprocessing.keyframes import RangeEnds, standing_at
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds, pairs
+from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds
 
 _GAIN = 0.005  # of log likelihood: what gains less changes nothing that could be measured
 _ITERATIONS = 10
@@ -150,19 +150,5 @@ class RigidGraph(PoseGraph):
 
         Their cost is at most `excluded` above the best one's; `nlos_odds` (n,) stand for the measurements' own.
         """
-        s = self._about_anchors
-        blocks = [
-            (pair.i, pair.j, RangeBlock(s.p_i[k], s.p_j[k], s.distance[k], s.sigma[k], nlos_odds[k]))
-            for pair in pairs(s)
-            for k in (pair.measurements,)
-        ]
-        found = search_heights(
-            np.nan_to_num(frames),
-            self.height_sigma,
-            np.isin(np.arange(len(frames)), self.free),
-            blocks,
-            self.loss,
-            excluded,
-            self.parameters.search.most_hypotheses,
-        )
+        found = self._solver.other_heights(frames, nlos_odds, excluded, self.parameters.search.most_hypotheses)
         return [np.column_stack([frames[:, :2], heights + 0.0 * frames[:, 2], frames[:, 3]]) for heights, _ in found]

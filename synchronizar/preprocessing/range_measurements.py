@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -48,6 +49,14 @@ class RangeMeasurements:
         """The ranges selected by a slice, mask or index array, which must keep them sorted by pair."""
         return RangeMeasurements(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
+    @cached_property
+    def bounds(self) -> Indices:
+        """(p + 1,) the first range of each of p pairs of users with ranges, and the end."""
+        if not len(self):
+            return np.zeros(1, dtype=np.int32)
+        change = np.flatnonzero((self.i[1:] != self.i[:-1]) | (self.j[1:] != self.j[:-1])) + 1
+        return np.concatenate([[0], change, [len(self)]]).astype(np.int32)
+
 
 class Pair(NamedTuple):
     """Two users that range to each other, and the slice of their ranges."""
@@ -59,10 +68,7 @@ class Pair(NamedTuple):
 
 def pair_bounds(measurements: RangeMeasurements) -> Indices:
     """(p + 1,) the first range of each of p pairs of users with ranges, and the end."""
-    if not len(measurements):
-        return np.zeros(1, dtype=np.int32)
-    change = np.flatnonzero(np.diff(measurements.i) | np.diff(measurements.j)) + 1
-    return np.concatenate([[0], change, [len(measurements)]]).astype(np.int32)
+    return measurements.bounds
 
 
 def mean_by_pair(column: Array, bounds: Indices) -> Array:
