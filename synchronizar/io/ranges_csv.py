@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import islice, repeat
 from operator import itemgetter
@@ -257,17 +257,25 @@ def _user_indices(chunk: _Chunk, column: str, users: Sequence[User]) -> Indices:
 
 
 def _antenna_indices(chunk: _Chunk, column: str, who: Indices, users: Sequence[User]) -> Indices:
-    """(n,) antenna of each user `who`: the one named, else the user's only one; -1 for users that declare none."""
+    antenna, unknown = antenna_indices(users, who, chunk.columns[column])
+    if unknown is not None:
+        user = users[who[unknown]]
+        raise chunk.fault(column, unknown, f"{user.name} has the antennas {', '.join(user.antennas)}")
+    return antenna
+
+
+def antenna_indices(users: Sequence[User], who: Indices, named: Iterable[str]) -> tuple[Indices, int | None]:
+    """(n,) antenna of each user `who`, -1 for users that declare none; and the first range whose antenna is unknown.
+
+    A user's only antenna need not be named.
+    """
     index_of = {(u, name): i for u, user in enumerate(users) for i, name in enumerate(user.antennas)}
     index_of |= {(u, ""): 0 for u, user in enumerate(users) if len(user.antennas) == 1}
-    found = map(index_of.get, zip(who.tolist(), chunk.columns[column], strict=True), repeat(-1))
+    found = map(index_of.get, zip(who.tolist(), named, strict=True), repeat(-1))
     antenna = np.fromiter(found, dtype=np.int32, count=len(who))
-    declared = np.array([bool(user.antennas) for user in users])
-    bad = declared[who] & (antenna < 0)
-    if bad.any():
-        user = users[who[bad.argmax()]]
-        raise chunk.fault(column, int(bad.argmax()), f"{user.name} has the antennas {', '.join(user.antennas)}")
-    return antenna
+    declared = np.array([bool(user.antennas) for user in users], dtype=bool)
+    unknown = np.flatnonzero(declared[who] & (antenna < 0))
+    return antenna, int(unknown[0]) if len(unknown) else None
 
 
 def _user_names(users: Sequence[User]) -> NDArray[np.object_]:

@@ -15,7 +15,7 @@ from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.geometry import Up
-from synchronizar.io.ranges_csv import OPTIONAL, REQUIRED
+from synchronizar.io.ranges_csv import OPTIONAL, REQUIRED, antenna_indices
 from synchronizar.io.recording_toml import read_up, read_user
 from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, MIN_SIGMA, is_name, quoted
 from synchronizar.io.tum import track_of_rows
@@ -116,7 +116,7 @@ def _ranges(ranges: Iterable[Sequence[Any]] | Mapping[str, Sequence[Any]], users
         optional["source"] = _indices([word.get(_text(source), -1) for source in columns["source"]])
     for name, who in (("antenna_a", a), ("antenna_b", b)):
         named = [_text(antenna) for antenna in columns.get(name, [""] * n)]
-        optional[name], unknown = _antennas(users, who, named)
+        optional[name], unknown = antenna_indices(users, who, named)
         if unknown is not None:
             known = ", ".join(users[int(who[unknown])].antennas)
             raise InputError(f"ranges[{unknown}]", f"{name} is {quoted(named[unknown])}: there are {known}")
@@ -168,16 +168,3 @@ def _text(value: object) -> str:
 
 def _indices(values: list[int]) -> Indices:
     return np.array(values, dtype=np.int32)
-
-
-def _antennas(users: tuple[User, ...], who: Indices, named: list[str]) -> tuple[Indices, int | None]:
-    """(n,) antenna of each user `who`, -1 for users that declare none; and the first range whose antenna is unknown.
-
-    A user's only antenna need not be named.
-    """
-    index_of = {(u, name): k for u, user in enumerate(users) for k, name in enumerate(user.antennas)}
-    index_of |= {(u, ""): 0 for u, user in enumerate(users) if len(user.antennas) == 1}
-    antenna = _indices([index_of.get(end, -1) for end in zip(who.tolist(), named, strict=True)])
-    declared = np.array([bool(user.antennas) for user in users], dtype=bool)
-    unknown = np.flatnonzero(declared[who] & (antenna < 0))
-    return antenna, int(unknown[0]) if len(unknown) else None

@@ -13,6 +13,7 @@ from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, is_number, open_text, quoted
+from synchronizar.quaternions import normalized_quaternions
 
 COLUMNS = 8
 LARGEST_UNIT = 1e3
@@ -53,7 +54,9 @@ def track_of_rows(rows: Array, up: Up) -> Track:
     """
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     rows = rows[np.append(rows[1:, 0] != rows[:-1, 0], True)]
-    t, position, quat_xyzw = rows[:, 0], rows[:, 1:4], unit_quaternions(rows[:, 4:])
+    t, position, quat_xyzw = rows[:, 0], rows[:, 1:4], rows[:, 4:]
+    # The squares of huge and tiny ones overflow and vanish.
+    quat_xyzw = normalized_quaternions(quat_xyzw / np.abs(quat_xyzw).max(axis=1, keepdims=True))
     if up == "z":
         return Track(t, position, quat_xyzw)
     z_up_from_own = YawFrame(up_b=up)
@@ -119,10 +122,3 @@ def _first_malformed(path: Path) -> InputError:
             if not is_number(value):
                 return InputError(path, f"{quoted(value)} is not a number", number)
     return InputError(path, "is not a track")
-
-
-def unit_quaternions(quat_xyzw: Array) -> Array:
-    """(n, 4) the quaternions, none of them zero, at unit length; huge and tiny ones neither overflow nor vanish."""
-    scaled: Array = quat_xyzw / np.abs(quat_xyzw).max(axis=1, keepdims=True)
-    unit: Array = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-    return unit
