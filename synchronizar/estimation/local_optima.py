@@ -157,10 +157,30 @@ def _rigid(optimum: LocalOptimum) -> tuple[RigidGraph, Array]:
 
 
 def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
-    """The same optimum with range weights measured on its residuals."""
+    """The same optimum with ranges' weights, and how large their errors in line of sight are, measured on residuals.
+
+    With the model's reflections most short detours pass for line-of-sight; where there are reflections, these may pass
+    for NLOS without them. So where ranges seem NLOS without, both are tried, and what is likelier is taken.
+    """
+    clear = _measured(coarse._replace(graph=coarse.graph.with_reflections(there=False)))
+    if _nlos_share(clear) <= coarse.graph.parameters.search.doubtful_share:
+        return clear
+    reflected = _measured(coarse._replace(graph=coarse.graph.with_reflections(there=True)))
+    weight = clear.em_weights.range_weight
+    return min(clear, reflected, key=lambda optimum: _evidence_against(optimum, weight))
+
+
+def _measured(optimum: LocalOptimum) -> LocalOptimum:
     for rounds in _MEASURING_ROUNDS:
-        coarse = _measured_again(coarse, rounds)
-    return coarse
+        optimum = _measured_again(optimum, rounds)
+    return optimum
+
+
+def _evidence_against(optimum: LocalOptimum, range_weight: Array) -> float:
+    """Negative log likelihood with these range weights (n,), up to a constant whatever the ranges' sigmas are."""
+    graph = optimum.graph
+    _, cost = graph.e_step(optimum.states, replace(optimum.em_weights, range_weight=range_weight))
+    return cost + float(range_weight @ np.log(graph.sigma))
 
 
 def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
@@ -168,12 +188,15 @@ def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
     coarse = coarse.graph.run_em(coarse.states, coarse.em_weights, _REFINING_ROUNDS)
     states = interpolated(coarse.states, coarse.graph.keyframes, graph.keyframes)
     first = replace(graph.initial_em_weights(), range_weight=coarse.em_weights.range_weight)
-    return _measured_again(graph.run_em(states, first, _REFINING_ROUNDS), _REFINING_ROUNDS)
+    near = graph.with_sigma_of(coarse.graph).run_em(states, first, _REFINING_ROUNDS)
+    return _measured_again(near, _REFINING_ROUNDS)
 
 
 def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
-    """The optimum after more EM rounds with range weights measured on its residuals."""
-    graph, states, em_weights, _ = optimum
+    """The optimum after more EM rounds with ranges' sigmas and weights measured on its residuals."""
+    states = optimum.states
+    graph = optimum.graph.with_measured_sigma(states)
+    em_weights, _ = graph.e_step(states, optimum.em_weights)
     return graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
 
 
@@ -243,7 +266,7 @@ def compare(
     compared = []
     for s in (*likely, *others_in_height):
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
-        compared.append(s.graph.run_em(s.states, em_weights, _FIRST_ROUNDS))
+        compared.append(s.graph.with_sigma_of(best.graph).run_em(s.states, em_weights, _FIRST_ROUNDS))
     first, *others = compared
     others = [s for s in others if s.cost <= first.cost + excluded_above(best)]
     return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]

@@ -27,7 +27,7 @@ from synchronizar.graph.walks import Walks
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_ends
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, mean_by_pair, pair_bounds
-from synchronizar.preprocessing.range_weights import measured_range_weights, prior_range_weights
+from synchronizar.preprocessing.range_weights import measured_range_weights, measured_sizes, prior_range_weights
 
 SAME = 0.01  # m and rad: optima that are closer are one
 _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes by more
@@ -79,7 +79,10 @@ class PoseGraph:
         measurements, parameters = problem.measurements, problem.parameters
         self.calibrations = problem.active_users
         """Whose devices are variables: all of them, or none."""
-        self.sigma = np.hypot(measurements.sigma, parameters.ranges.multipath_sigma)
+        self.model_sigma = np.hypot(measurements.sigma, parameters.ranges.multipath_sigma)
+        """(n,) m, 1 sigma of each range in line of sight, with reflections as the model has them."""
+        self.sigma = self._largest_sigma = self.model_sigma
+        """(n,) m: the same as it is taken to be, and the largest that it may be measured to be."""
         self._gain = _GAIN + _GAIN_A_RANGE * len(measurements)
         self.loss: NlosMixture = nlos_mixture(parameters)
         self.height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
@@ -138,6 +141,33 @@ class PoseGraph:
             range_ends(recording, s, s.i, self.keyframes, clock_offset),
             range_ends(recording, s, s.j, self.keyframes, clock_offset),
         )
+
+    def with_reflections(self, there: bool) -> Self:
+        """The same graph with line-of-sight errors as large as the model's reflections make them, or as noise alone."""
+        sigma = self.model_sigma if there else self.measurements.sigma
+        return self._with_sigma(sigma, sigma)
+
+    def with_sigma_of(self, other: PoseGraph) -> Self:
+        """The same graph with the sigmas of another one of the same ranges."""
+        return self._with_sigma(other.sigma, other._largest_sigma)
+
+    def with_measured_sigma(self, states: States) -> Self:
+        """The same graph with sigmas as large as line-of-sight errors are at these states, noise at least.
+
+        They are measured on what passes by the largest sigma that they may have, with reflections or without: on what
+        passes by their own measure they would shrink without end.
+        """
+        m, s, sigma = self.parameters, self.measurements, self._largest_sigma
+        whitened, bounds = self.residuals(states) / sigma, pair_bounds(s)
+        odds, _ = burst_nlos_odds_of_pairs(bounds, s.t, whitened, sigma, s.nlos_odds, self.loss, bursts_of(m))
+        _, weight, _ = mixture_terms(whitened, sigma, odds, self.loss)
+        return self._with_sigma(sigma * measured_sizes(bounds, s.sigma / sigma, whitened, weight, m), sigma)
+
+    def _with_sigma(self, sigma: Array, largest: Array) -> Self:
+        out = copy(self)
+        out.sigma, out._largest_sigma = sigma, largest
+        out.__dict__.pop("walks", None)
+        return out
 
     def with_keyframes(self, keyframes: list[Keyframes]) -> Self:
         """The same graph with other step sigmas; `keyframes` differ from its own in nothing else."""
