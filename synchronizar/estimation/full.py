@@ -15,7 +15,16 @@ from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
-from synchronizar.estimation.local_optima import BETTER, by_cost, compare, other_heights, refine, with_measured_weights
+from synchronizar.estimation.local_optima import (
+    BETTER,
+    by_cost,
+    compare,
+    nlos_share,
+    other_heights,
+    other_places,
+    refine,
+    with_measured_weights,
+)
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import slips
 from synchronizar.geometry import apply_frames, wrap_angle
@@ -141,6 +150,8 @@ def _refined(
     found = [s._replace(graph=s.graph.with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
     others = other_heights(best, heights)
+    if nlos_share(best) > problem.parameters.search.doubtful_share:
+        others += other_places(best)
     better = min(others, key=by_cost, default=best)
     if better.cost < best.cost - BETTER:
         found, others = [better, *found[1:]], [s for s in (best, *others) if s is not better]

@@ -9,9 +9,10 @@ from itertools import chain
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.initialisation import placements_in_parts
+from synchronizar.estimation.initialisation import Candidate, extend, placements_in_parts
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
+from synchronizar.geometry import difference
 from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States, interpolated
@@ -24,6 +25,8 @@ _MEASURING_ROUNDS = (4, 2)
 _REFINING_ROUNDS = 4
 _MOST_IMAGES = 6  # mirror images of one optimum that are optimised
 _MOST_COMPARED = 6
+_MOST_PLACES = 3  # of one user beside all the others that are optimised
+_ELSEWHERE = 0.3  # m and rad: by so much they differ from where it is
 _DRAWN_SIGMAS = (2.0, 4.0)  # of heights: from priors so many times as wide
 _DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
 _SAME_HEIGHT = 0.1  # m
@@ -46,7 +49,7 @@ def find_optima(graph: PoseGraph, starts: list[States], progress: Progress = unh
     for n, states in enumerate(starts, start=1):
         _add_optimum(graph, states, found, () if rigid else _ANNEALING)
         progress(0.5 * n / len(starts))
-    if rigid and graph.free and _nlos_share(min(found, key=by_cost)) > search.doubtful_share:
+    if rigid and graph.free and nlos_share(min(found, key=by_cost)) > search.doubtful_share:
         for states in starts:
             _add_optimum(graph, states, found, (search.annealing,))
         for start in placements_in_parts(graph.rigid_problem(starts[0])):
@@ -94,7 +97,7 @@ def _add_optimum(graph: PoseGraph, states: States, found: list[LocalOptimum], an
         found.append(optimum)
 
 
-def _nlos_share(optimum: LocalOptimum) -> float:
+def nlos_share(optimum: LocalOptimum) -> float:
     """The share of ranges that are more likely NLOS, or outliers, than inliers."""
     _, inlier_probability = optimum.graph.inlier_probability(optimum.states, optimum.em_weights)
     return float((inlier_probability < 0.5).mean()) if len(inlier_probability) else 0.0
@@ -163,7 +166,7 @@ def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
     for NLOS without them. So where ranges seem NLOS without, both are tried, and what is likelier is taken.
     """
     clear = _measured(coarse._replace(graph=coarse.graph.with_reflections(there=False)))
-    if _nlos_share(clear) <= coarse.graph.parameters.search.doubtful_share:
+    if nlos_share(clear) <= coarse.graph.parameters.search.doubtful_share:
         return clear
     reflected = _measured(coarse._replace(graph=coarse.graph.with_reflections(there=True)))
     weight = clear.em_weights.range_weight
@@ -252,6 +255,36 @@ def _begun_heights(optimum: LocalOptimum, begun: Sequence[Array]) -> Iterator[Ar
             yield out
 
 
+def other_places(optimum: LocalOptimum) -> list[LocalOptimum]:
+    """Optima beside one with measured weights in which one user is somewhere else.
+
+    Among NLOS ranges the search, with wide sigmas and SLAM's own walks, may have left out where one of them is. Each is
+    looked for anew beside all the others, as these are at the optimum.
+    """
+    graph, states, em_weights = optimum.graph, optimum.states, optimum.em_weights
+    begin = replace(em_weights, nlos_odds=graph.measurements.nlos_odds)
+    rigid = graph.rigid_problem(states)
+    found: list[LocalOptimum] = []
+    known = [optimum.frames]
+    for user in graph.free:
+        others = states.anchor_poses.copy()
+        others[user] = np.nan
+        for candidate in extend(rigid, [Candidate(others, 0.0)], user)[:_MOST_PLACES]:
+            off = difference(candidate.frames[user], states.anchor_poses[user])
+            if np.linalg.norm(off[:3]) < _ELSEWHERE and abs(off[3]) < _ELSEWHERE:
+                continue
+            near = graph.run_em(states._replace(anchor_poses=candidate.frames), begin, _FIRST_ROUNDS)
+            if near.cost > optimum.cost + graph.parameters.search.hopeless_cost or near.graph.is_known(
+                near.states, known
+            ):
+                continue
+            other = near.graph.run_em(near.states, near.em_weights, _ROUNDS, known=known)
+            known.append(other.frames)
+            if other.cost < optimum.cost + graph.parameters.integrity.cost_excluded_nlos:
+                found.append(other)
+    return found
+
+
 def compare(
     found: list[LocalOptimum], best: LocalOptimum, others_in_height: Sequence[LocalOptimum] = ()
 ) -> list[LocalOptimum]:
@@ -278,7 +311,7 @@ def excluded_above(best: LocalOptimum) -> float:
     # Drift bends a straight track, which favours it or its mirror image by chance. That cost is a sum with one random
     # term for each device whose SLAM may drift, so it grows with the root of their number.
     drifting = max(sum(len(k.step_sigma) > 0 for k in best.graph.keyframes), 1)
-    nlos = _nlos_share(best) > parameters.search.doubtful_share
+    nlos = nlos_share(best) > parameters.search.doubtful_share
     return float(
         max(
             parameters.integrity.cost_excluded_nlos if nlos else 0.0,
