@@ -196,11 +196,17 @@ def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
 
 
 def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
-    """The optimum after more EM rounds with ranges' sigmas and weights measured on its residuals."""
+    """The optimum after more EM rounds with ranges' sigmas and weights measured on its residuals.
+
+    Where errors in line of sight are larger than noise, some of them are NLOS after all, and ranges count for less.
+    """
     states = optimum.states
     graph = optimum.graph.with_measured_sigma(states)
     em_weights, _ = graph.e_step(states, optimum.em_weights)
-    return graph.run_em(states, graph.with_range_weights(states, em_weights), rounds)
+    em_weights = graph.with_range_weights(states, em_weights)
+    beyond = 1.0 - (graph.measurements.sigma / graph.sigma) ** 2
+    worth = 1.0 / (1.0 + graph.parameters.ranges.reflection_confusion * beyond)
+    return graph.run_em(states, replace(em_weights, range_weight=worth * em_weights.range_weight), rounds)
 
 
 def other_heights(optimum: LocalOptimum, begun: Sequence[Array] = ()) -> list[LocalOptimum]:

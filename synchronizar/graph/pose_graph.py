@@ -293,16 +293,16 @@ class PoseGraph:
         return after, cost + tail + of_heights
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
-        """The same EM weights, range weights measured on the residuals (`measured_range_weights`).
-
-        Where errors in line of sight are larger than noise, some of them are NLOS after all.
-        """
+        """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
         whitened = self.residuals(states) / self.sigma
         _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
         links = _links(self.problem.recording, self.measurements)
-        measured = measured_range_weights(self.measurements, self.sigma, whitened, weight, links, self.parameters)
-        beyond = 1.0 - (self.measurements.sigma / self.sigma) ** 2
-        return replace(em_weights, range_weight=measured / (1.0 + self.parameters.ranges.reflection_confusion * beyond))
+        return replace(
+            em_weights,
+            range_weight=measured_range_weights(
+                self.measurements, self.sigma, whitened, weight, links, self.parameters
+            ),
+        )
 
     def _calibration_weights(self, states: States, before: EmWeights) -> tuple[Array, float]:
         """Weights (k + 1, 3) of the device calibrations, the last row of the shared one, and their cost."""
