@@ -24,6 +24,7 @@ from synchronizar.estimation.local_optima import (
     other_places,
     refine,
     with_measured_weights,
+    with_noise_alone,
 )
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import slips
@@ -143,7 +144,7 @@ def _refined(
 
     All of them with the step noise estimated for each device (`step_noise`). `heights` (k,) m were found before.
     """
-    best = with_measured_weights(found[0])
+    best = with_noise_alone(with_measured_weights(found[0]))
     noise = step_noise(best.graph, best.states, best.em_weights)
     coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem), noise)
     fine = keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, noise)

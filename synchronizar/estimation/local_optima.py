@@ -30,6 +30,7 @@ _ELSEWHERE = 0.3  # m and rad: by so much they differ from where it is
 _DRAWN_SIGMAS = (2.0, 4.0)  # of heights: from priors so many times as wide
 _DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
 _SAME_HEIGHT = 0.1  # m
+_NOISIER = 2.0  # in range weights: less is no difference
 _SEED = 20  # a fixed draw: the same ranges give the same answer
 BETTER = 1.0  # log likelihood: a smaller difference does not rank two optima
 
@@ -184,6 +185,31 @@ def _evidence_against(optimum: LocalOptimum, range_weight: Array) -> float:
     graph = optimum.graph
     _, cost = graph.e_step(optimum.states, replace(optimum.em_weights, range_weight=range_weight))
     return cost + float(range_weight @ np.log(graph.sigma))
+
+
+def with_noise_alone(optimum: LocalOptimum) -> LocalOptimum:
+    """The optimum of measured weights, or another one that leaves less of the ranges unexplained.
+
+    What is systematic passes for noise once weights are measured on it: with weights that small a prior holds a wrong
+    height against all ranges. So ranges are taken for as good as they are said to be, and measured again where that
+    leads. The other optimum is believed where it gains more by its weights than it loses by those of the first.
+    """
+    graph, states, em_weights, _ = optimum
+    said = (graph.sigma / graph.measurements.sigma) ** 2
+    if _NOISIER * float(em_weights.range_weight.mean()) > float(said.mean()):
+        return optimum
+    other = with_measured_weights(graph.run_em(states, replace(em_weights, range_weight=said), _FIRST_ROUNDS))
+    if float(other.em_weights.range_weight.mean()) < _NOISIER * float(em_weights.range_weight.mean()):
+        return optimum
+    gain = _cost_weighed(optimum, other) - other.cost
+    loss = _cost_weighed(other, optimum) - optimum.cost
+    return other if gain > loss + BETTER else optimum
+
+
+def _cost_weighed(optimum: LocalOptimum, weighed: LocalOptimum) -> float:
+    """What an optimum costs with the range weights of another."""
+    em_weights = replace(optimum.em_weights, range_weight=weighed.em_weights.range_weight)
+    return optimum.graph.e_step(optimum.states, em_weights)[1]
 
 
 def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:

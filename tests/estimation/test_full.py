@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.paths import SHARED
 from support.solver_scenes import frames_of, off_in_plane, offs, recording_of, track_of
 
 from synchronizar.arrays import Array
@@ -194,6 +195,22 @@ def test_a_height_that_drift_and_biases_could_take_up_is_found_all_the_same() ->
     simulation = simulate(replace(scene, scale_sigma=0.05, bias_sigma=0.05, clock_offset_sigma=0.05))
     registration = register(simulation.recording)
     assert max(offs(simulation, registration).values()) < 0.3
+
+
+@pytest.mark.skipif(not (SHARED / "cases").is_dir(), reason=f"{SHARED} is not there")
+@pytest.mark.parametrize(("case", "low", "below"), [("room", "room", 1.3), ("robot_person_0.6", "bot", 0.6)])
+@pytest.mark.parametrize("seconds", [10.0, 15.0])
+def test_what_a_height_explains_is_not_taken_for_noise_of_the_ranges(
+    case: str, low: str, below: float, seconds: float
+) -> None:
+    """With weights of ranges as small as such noise asks for, the prior held the height, for 20 s of either walk."""
+    whole = Recording.load(SHARED / "cases" / case)
+    ranges = whole.ranges.select(whole.ranges.t < whole.ranges.t.min() + seconds)
+    user = register(replace(whole, ranges=ranges)).users[low]
+    assert user.state is not State.REGISTERED
+    assert "height_sigma" in user.reason
+    assert user.common_from_user is not None
+    assert abs(user.common_from_user.z + below) < 0.5
 
 
 # ---- the contract ----
