@@ -35,7 +35,7 @@ def snapshot_of(
     begin = _begin(roster, tracking, sought)
     tracks, segments, poses, first = {}, {}, {}, np.full(len(roster.users), -np.inf)
     # A recording is sorted by name, and users are in the order in which they came.
-    users = tuple(replace(user, name=f"{u:08d}") for u, user in enumerate(roster.users))
+    users = tuple(replace(roster.as_known(u), name=f"{u:08d}") for u in range(len(roster.users)))
     slots = list(range(tracking.slot_of(begin), tracking.slot_of(roster.now) + 1))
     for u, (user, stream) in enumerate(zip(users, roster.streams, strict=True)):
         if stream is None:

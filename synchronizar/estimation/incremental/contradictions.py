@@ -7,12 +7,26 @@ by more than noise. So many too short ones, or next to nothing but misfits, have
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from synchronizar._core import worst_misfit
+from synchronizar.arrays import Array
 from synchronizar.estimation.incremental.innovations import Innovations
 from synchronizar.estimation.incremental.shifts import shifted
 from synchronizar.parameters import Parameters
+
+_UPRIGHT = 3.0  # a shift is one upwards, or down, where it is so many times as far as in the plane
+
+
+class Contradicted(NamedTuple):
+    """Users whose latest ranges contradict them."""
+
+    users: list[int]
+    reason: str
+    lifted: bool = False
+    """Whether by one shift, upwards or down, of more than the largest error."""
 
 
 class Contradictions:
@@ -44,7 +58,7 @@ class Contradictions:
         """Remember just these."""
         self._recent, self.suspected = recent, suspected
 
-    def found(self, now: float, gauge: int, trusted: frozenset[int]) -> tuple[list[int], str] | None:
+    def found(self, now: float, gauge: int, trusted: frozenset[int]) -> Contradicted | None:
         """The users whose latest ranges contradict them, and why; None: there are none.
 
         Of those who are `trusted` more is needed. One shift of some against the others tells the soonest. Besides, a
@@ -66,18 +80,18 @@ class Contradictions:
             wrong = [u for group in groups if group is not largest for u in group]
         if not wrong:  # all fit by some chain: it is the one that rang
             wrong = [user if user != gauge else self._worst_beside(gauge, window, now)]
-        return wrong, reason
+        return Contradicted(wrong, reason)
 
-    def _moved(self, now: float, gauge: int, trusted: frozenset[int]) -> tuple[list[int], str] | None:
+    def _moved(self, now: float, gauge: int, trusted: frozenset[int]) -> Contradicted | None:
         """The users whose latest ranges one shift explains so much better that they are there; who may be is noted."""
         m = self._parameters.integrity
-        likely: dict[frozenset[int], tuple[float, float]] = {}
+        likely: dict[frozenset[int], tuple[float, Array]] = {}
         for found in shifted(self._recent, now, self._parameters):
-            length = float(np.linalg.norm(found.shift))
             wrong = self._wrong(found.users, gauge)
             gain = found.gain - m.shift_cost * len(wrong & trusted)
-            if length > m.shift_least and gain > likely.get(wrong, (0.0, 0.0))[0]:
-                likely[wrong] = gain, length
+            long_enough = float(np.linalg.norm(found.shift)) > m.shift_least
+            if long_enough and gain > (likely[wrong][0] if wrong in likely else 0.0):
+                likely[wrong] = gain, found.shift
         best = max((gain for gain, _ in likely.values()), default=0.0)
         # Who is suspected stays so until much less speaks against it.
         enough = m.shift_gain_suspected * (0.5 if self.suspected else 1.0)
@@ -86,7 +100,12 @@ class Contradictions:
         if best < m.shift_gain or (len(rivals) > 1 and best < 2.0 * m.shift_gain):
             return None
         wrong = max(rivals, key=lambda each: likely[each][0])
-        return sorted(wrong), f"its latest ranges say that it is {likely[wrong][1]:.1f} m from there"
+        shift = likely[wrong][1]
+        upright = abs(float(shift[2])) > max(
+            _UPRIGHT * float(np.hypot(*shift[:2])), self._parameters.integrity.largest_error
+        )
+        reason = f"its latest ranges say that it is {float(np.linalg.norm(shift)):.1f} m from there"
+        return Contradicted(sorted(wrong), reason, upright)
 
     def _wrong(self, moved: frozenset[int], gauge: int) -> frozenset[int]:
         """Who is wrong where some moved against the others: who is not with the gauge, unless the gauge is alone."""

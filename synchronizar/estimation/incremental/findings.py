@@ -11,6 +11,7 @@ from synchronizar.estimation.incremental.found_verdicts import FoundVerdicts
 from synchronizar.estimation.incremental.roster import Roster
 from synchronizar.estimation.incremental.snapshot import Candidate, Found
 from synchronizar.estimation.incremental.tracking import JoiningUser
+from synchronizar.graph.priors import height_sigma_of
 
 
 class Findings:
@@ -51,11 +52,20 @@ class Findings:
                 continue
             if u in sought:
                 self._verdicts.judge(u, places)
-                if self._verdicts.is_to_follow(u, places) and (own := places.joining(u, roster.users[u])):
+                if self._verdicts.is_to_follow(u, places) and (own := self._joining(u, places)):
                     joining[u] = own
             elif u in self._following.tracking.members:
                 self._verdicts.check(u, places)
         return joining
+
+    def _joining(self, user: int, places: FoundPlaces) -> JoiningUser | None:
+        """A user as it is to be followed; None where it has no slot."""
+        own, of = places.joining(user, self._roster.users[user]), self._roster.users[user]
+        if own is None or not self._roster.standings[user].lifted:
+            return own
+        parameters = self._roster.parameters
+        sigmas = [height_sigma_of(each, parameters) for each in (of, self._roster.as_known(user))]
+        return own._replace(height_weight=own.height_weight * (sigmas[0] / sigmas[1]) ** 2)
 
     def _frame(self, user: int, last: Array, found: Found) -> Array:
         """(4,) common_from_user, of a user's last pose (4,) in the common frame."""
@@ -72,7 +82,7 @@ class Findings:
             if joining:
                 self._following.join(joining, None)
         elif any(roster.standings[u].is_registered for u in joining):
-            begins = places.joining(gauge, roster.users[gauge])
+            begins = self._joining(gauge, places)
             if begins is not None:
                 roster.standings[gauge].contradicted = False
                 self._following.join({gauge: begins, **joining}, gauge)

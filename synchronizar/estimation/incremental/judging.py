@@ -50,17 +50,18 @@ class Judging:
     def _contradict(self) -> bool:
         """Whether the latest ranges contradict some: these are looked for in what comes from now on."""
         roster, following = self._roster, self._following
-        contradicted = following.contradictions.found(roster.now, following.gauge, self._trusted())
-        if contradicted is None:
+        trusted = self._trusted()
+        found = following.contradictions.found(roster.now, following.gauge, trusted)
+        if found is None:
             return False
-        users, reason = contradicted
-        for user in users:
+        for user in found.users:
             following.leave(user)
             following.contradictions.forget(user)
             standing = roster.standings[user]
             standing.contradicted = user == roster.reference
             standing.doubted_at = roster.now
-            roster.look_anew(user, State.UNOBSERVABLE, reason)
+            standing.lifted |= found.lifted and user in trusted
+            roster.look_anew(user, State.UNOBSERVABLE, found.reason)
         return True
 
     def _trusted(self) -> frozenset[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import cos, exp, sin
 from typing import Any, ClassVar
 
@@ -61,9 +62,19 @@ class Roster:
         self.standings[user].begin_again(self.now, state, reason)
         self.tell(user)
 
+    def as_known(self, user: int) -> User:
+        """A user, its height one that may be any where it went up or down and its SLAM did not."""
+        own = self.users[user]
+        return (
+            replace(own, height_sigma=self.parameters.priors.static_height_sigma)
+            if self.standings[user].lifted
+            else own
+        )
+
     def renew_stream(self, user: int) -> None:
         """A device's SLAM tells from now on what need not continue what it told before."""
         self.streams[user] = self._stream(self.users[user])
+        self.standings[user].lifted = False
 
     def take_events(self) -> list[str]:
         """What happened since the last call."""

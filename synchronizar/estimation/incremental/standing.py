@@ -61,6 +61,8 @@ class Standing:
     """s: when its ranges contradicted it last."""
     contradicted: bool = False
     """Whether it is the reference and its ranges contradict it: then nobody is registered."""
+    lifted: bool = False
+    """Whether it went up or down and its SLAM did not: the prior of its origin's height holds no more."""
     progress: float = 0.0
     cue: Cue | None = None
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from synchronizar.estimation.incremental.contradictions import Contradictions
+from synchronizar.estimation.incremental.contradictions import Contradicted, Contradictions
 from synchronizar.estimation.incremental.innovations import Innovations
 from synchronizar.parameters import Parameters
 
@@ -29,7 +29,7 @@ def innovations(rows: list[tuple[float, int, int, float]]) -> Innovations:
     return Innovations(np.column_stack([t, i, j, whitened, away, distance, sigma, nlos_odds, weight]))
 
 
-def told(rows: list[tuple[float, int, int, float]], gauge: int = 0) -> tuple[list[int], str] | None:
+def told(rows: list[tuple[float, int, int, float]], gauge: int = 0) -> Contradicted | None:
     contradictions = Contradictions(PARAMETERS)
     contradictions.add(innovations(rows), NOW)
     return contradictions.found(NOW, gauge, EVERYBODY)
@@ -83,6 +83,24 @@ def test_next_to_nothing_but_misfits_for_longer_are_no_body() -> None:
     found = told(between({(0, 1): FITS, (0, 2): LONG, (1, 2): LONG}, each=30, seconds=2.9))
     assert found is not None
     assert found[0] == [2]
+
+
+@pytest.mark.parametrize(
+    ("velocity", "lifted"), [((0.0, 0.0, 0.5), True), ((0.0, 0.0, -0.5), True), ((0.3, 0.4, 0.0), False)]
+)
+def test_who_goes_up_or_down_is_told_from_who_slides(velocity: tuple[float, float, float], lifted: bool) -> None:
+    """For 4 s, 0.5 m in each."""
+    rows = []
+    for n in range(40):
+        t = NOW - 4.0 + 0.1 * n
+        for i, j in ((0, 2), (1, 2), (2, 3), (0, 1), (0, 3), (1, 3)):
+            off = np.array(velocity) * 0.1 * n * ((i == 2) - float(j == 2))
+            away = PLACES[i] - PLACES[j]
+            rows.append((t, i, j, float(np.linalg.norm(away) - np.linalg.norm(away + off)) / SIGMA))
+    found = told(rows)
+    assert found is not None
+    assert found.users == [2]
+    assert found.lifted is lifted
 
 
 def test_a_few_ranges_tell_nothing() -> None:

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from experiments.common.faults import sliding, with_truth_moved
 from experiments.common.full_oracle import common_from_world
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
@@ -429,6 +430,26 @@ def test_whose_slam_began_anew_is_looked_for_anew_and_found(call: str) -> None:
     assert frame is not None
     assert np.linalg.norm((frame @ (turn @ last) - true @ last)[:2]) < 0.6
     assert told.engine.jumps(1) == ()
+
+
+def test_who_takes_a_lift_is_registered_again_where_it_gets_out() -> None:
+    """Its SLAM sees the cabin: the prior of its height holds no more."""
+    simulation = simulate(Scene(users=4, seconds=32.0, seed=1))
+    begin = float(simulation.recording.ranges.t.min())
+    up = sliding(simulation.truth["phone1"].t, np.array([0.0, 0.0, 1.0]), begin + 8.0, begin + 13.0)
+    lifted = with_truth_moved(simulation, {"phone1": up})
+    told = feed(lifted.recording, messages(lifted.recording))
+    assert State.UNOBSERVABLE in [
+        s[1] for s, t in zip(told.states, told.t, strict=True) if begin + 8.0 < t < begin + 13.0
+    ]
+    assert told.states[-1][1] is State.REGISTERED
+    assert told.engine.roster.standings[1].lifted
+    frame = told.frames[-1][1]
+    assert frame is not None
+    true = common_from_world(lifted, "phone0") @ lifted.truth["phone1"].position[-1]
+    assert np.linalg.norm(frame @ lifted.recording.tracks["phone1"].position[-1] - true) < 0.6
+    told.engine.new_session(1)
+    assert not told.engine.roster.standings[1].lifted
 
 
 def test_a_static_radio_has_no_slam_to_lose() -> None:
