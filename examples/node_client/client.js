@@ -9,6 +9,10 @@ import WebSocket from "ws";
 
 const [POSE, POSES] = [1, 2];
 const [POSE_BYTES, HEAD_BYTES, RECORD_BYTES] = [56, 16, 48];
+// What a room says; whatever else a later version of it says is left alone.
+const TYPES = new Set(
+  "pong members frames objects events status module_key said signalled refused answer bye".split(" "),
+);
 const STATES = ["registered", "ambiguous", "unobservable", "disconnected"];
 const [FIRST_PINGS, FIRST_PING_MS, PING_MS, QUICKEST_OF] = [4, 100, 2000, 8];
 
@@ -45,6 +49,7 @@ export class RoomClient extends EventEmitter {
     this.frames = welcome.frames;
     this.poses = new Map();
     this.resume = resume;
+    this.notUnderstood = 0;
     for (const member of welcome.members) this.#frame.set(member.name, member.frame ?? 0);
     socket.on("message", (data, binary) => (binary ? this.#takePoses(data) : this.#take(JSON.parse(data))));
     socket.on("error", (error) => this.emit("close", error));
@@ -90,6 +95,10 @@ export class RoomClient extends EventEmitter {
   }
 
   #take(message) {
+    if (!TYPES.has(message.type)) {
+      this.notUnderstood += 1;
+      return;
+    }
     if (message.type === "members") this.members = message.members;
     if (message.type === "frames") this.frames = message;
     if (message.type === "pong") this.#pong(message);

@@ -106,6 +106,11 @@ class BlockingClient:
         return dict(self._client.refused)
 
     @property
+    def not_understood(self) -> dict[str, int]:
+        """How many messages of the room were left alone because this client does not know them, by type; a copy."""
+        return dict(self._client.not_understood)
+
+    @property
     def offset(self) -> float | None:
         """s: the room's clock minus this client's."""
         return self._client.offset

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal
@@ -63,6 +64,9 @@ class Client:
         self.status: m.Status | None = None
         self.refused: dict[str, str] = {}
         """What the room refused, by reason: the last sentence."""
+        self.not_understood: Counter[str] = Counter()
+        """How many messages of the room were left alone because this client does not know them, by type; those of a
+        later version of the room."""
         self.peer_poses: dict[str, PoseUp] = {}
         """The newest pose of each device that says its poses to this one by a data channel, in that device's own axes
         and by its own clock."""
@@ -236,21 +240,36 @@ class Client:
         return forwarder.port
 
     async def messages(self) -> AsyncIterator[m.FromRoom | PosesDown]:
-        """What the room says, until it or this client ends; `frames`, `poses` and the others are kept up on the way."""
+        """What the room says, until it or this client ends; `frames`, `poses` and the others are kept up on the way.
+
+        What this client does not know is left alone, and counted in `not_understood`.
+        """
         while True:
             word = await self._next()
-            if isinstance(word, PosesDown) or word.type is aiohttp.WSMsgType.BINARY:
-                poses = word if isinstance(word, PosesDown) else decode_poses_down(word.data)
-                if (newest := newest_poses(self.poses, poses)) is not None:
-                    self.poses = newest
-                    self._round_trips.heard(newest.t, self._clock())
-                    yield newest
-            elif word.type is aiohttp.WSMsgType.TEXT:
-                message = m.decode_from_room(word.data)
+            if not isinstance(word, PosesDown) and word.type not in (aiohttp.WSMsgType.BINARY, aiohttp.WSMsgType.TEXT):
+                return
+            if (message := self._understood(word)) is None:
+                continue
+            if not isinstance(message, PosesDown):
                 self._take(message)
                 yield message
-            else:
-                return
+            elif (newest := newest_poses(self.poses, message)) is not None:
+                self.poses = newest
+                self._round_trips.heard(newest.t, self._clock())
+                yield newest
+
+    def _understood(self, word: aiohttp.WSMessage | PosesDown) -> m.FromRoom | PosesDown | None:
+        """None: of a room that knows more than this client."""
+        if isinstance(word, PosesDown):
+            return word
+        try:
+            if word.type is aiohttp.WSMsgType.BINARY:
+                return decode_poses_down(word.data)
+            return m.decode_from_room(word.data)
+        except MessageError:
+            kind = "binary" if word.type is aiohttp.WSMsgType.BINARY else m.type_of(word.data)
+            self.not_understood[kind or "malformed"] += 1
+            return None
 
     async def _next(self) -> aiohttp.WSMessage | PosesDown:
         """By the connection or the room's data channel, whichever comes first."""

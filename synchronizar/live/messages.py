@@ -45,6 +45,14 @@ class _Message(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     pass
 
 
+class _FromRoom(msgspec.Struct, omit_defaults=True):
+    """What a room says: a client takes what it knows, and leaves fields of later versions of a room alone."""
+
+
+class _Tagged(msgspec.Struct):
+    type: str
+
+
 class UserSettings(_Message):
     """A device, as in recording.toml."""
 
@@ -85,7 +93,7 @@ class OpenRoom(_Message):
     """What is done in the new one: a name of `GET /api/apps`; None: what the server was started with."""
 
 
-class Joined(_Message):
+class Joined(_FromRoom):
     """Answer to `POST /api/join`."""
 
     token: str
@@ -292,7 +300,7 @@ FromClient = (
 # From the room to a client.
 
 
-class Member(_Message):
+class Member(_FromRoom):
     """A device in the room."""
 
     name: str
@@ -308,7 +316,7 @@ class Member(_Message):
     """Number of its SLAM frame."""
 
 
-class UserFrame(_Message, omit_defaults=False):
+class UserFrame(_FromRoom, omit_defaults=False):
     """Where a device's frame lies in the common one, as in registration.json, with what it should do."""
 
     state: Literal["registered", "ambiguous", "unobservable", "disconnected"]
@@ -339,7 +347,7 @@ class UserFrame(_Message, omit_defaults=False):
     """Which way its bearer should walk, in words: "walk 2 m to your left"."""
 
 
-class Frames(_Message, tag="frames"):
+class Frames(_FromRoom, tag="frames"):
     """Everybody's frame: when something changed, and twice a second."""
 
     version: int
@@ -352,7 +360,7 @@ class Frames(_Message, tag="frames"):
     """Empty until the solver has said something: it may be missing whoever has just come."""
 
 
-class Object(_Message):
+class Object(_FromRoom):
     """An object as it stands; the common frame never moves under it."""
 
     id: str
@@ -372,7 +380,7 @@ class Object(_Message):
     """The device whose frame its place is in, until that is registered."""
 
 
-class Objects(_Message, tag="objects"):
+class Objects(_FromRoom, tag="objects"):
     """Objects that were changed or removed, in the order in which the room took it."""
 
     version: int
@@ -383,13 +391,13 @@ class Objects(_Message, tag="objects"):
     """Their ids."""
 
 
-class Members(_Message, tag="members"):
+class Members(_FromRoom, tag="members"):
     """All devices of the room, whenever one comes, goes or begins a new frame."""
 
     members: list[Member]
 
 
-class Welcome(_Message, tag="welcome"):
+class Welcome(_FromRoom, tag="welcome"):
     """The answer to `hello`: everything as it is now."""
 
     room: str
@@ -410,7 +418,7 @@ class Welcome(_Message, tag="welcome"):
     """Whether the room takes poses by a WebRTC data channel: `signal` to `room`."""
 
 
-class Pong(_Message, tag="pong"):
+class Pong(_FromRoom, tag="pong"):
     """The answer to `ping`."""
 
     t: float
@@ -419,7 +427,7 @@ class Pong(_Message, tag="pong"):
     """The room's clock when it came in."""
 
 
-class ModuleKey(_Message, tag="module_key"):
+class ModuleKey(_FromRoom, tag="module_key"):
     """What a module is provisioned with: it can speak for this address in this room and for nobody else."""
 
     user: str
@@ -432,7 +440,7 @@ class ModuleKey(_Message, tag="module_key"):
     """Of the server: where the module sends its datagrams."""
 
 
-class Events(_Message, tag="events"):
+class Events(_FromRoom, tag="events"):
     """What happened, a sentence each."""
 
     t: float
@@ -441,7 +449,7 @@ class Events(_Message, tag="events"):
     """Sentences for people; programs go by `frames`."""
 
 
-class PairRange(_Message, omit_defaults=False):
+class PairRange(_FromRoom, omit_defaults=False):
     """The newest range of a pair."""
 
     a: str
@@ -454,7 +462,7 @@ class PairRange(_Message, omit_defaults=False):
     """s."""
 
 
-class Health(_Message, omit_defaults=False):
+class Health(_FromRoom, omit_defaults=False):
     """How a device and its links are."""
 
     poses_hz: float
@@ -467,7 +475,7 @@ class Health(_Message, omit_defaults=False):
     """How many of its words were refused, by reason."""
 
 
-class Lag(_Message, omit_defaults=False):
+class Lag(_FromRoom, omit_defaults=False):
     """How late the server's loop comes to what is due, ms, over the last minute."""
 
     median: float
@@ -475,7 +483,7 @@ class Lag(_Message, omit_defaults=False):
     """More than 20 ms: the server has more to do than its machine has time."""
 
 
-class Status(_Message, tag="status"):
+class Status(_FromRoom, tag="status"):
     """How the room is, once a second."""
 
     t: float
@@ -489,7 +497,7 @@ class Status(_Message, tag="status"):
     """Of the server; null where nobody watches it."""
 
 
-class Said(_Message, tag="said"):
+class Said(_FromRoom, tag="said"):
     """What somebody said."""
 
     topic: str
@@ -497,14 +505,14 @@ class Said(_Message, tag="said"):
     by: str
 
 
-class Signalled(_Message, tag="signalled"):
+class Signalled(_FromRoom, tag="signalled"):
     """WebRTC signalling from somebody."""
 
     by: str
     data: dict[str, Any]
 
 
-class Refused(_Message, tag="refused"):
+class Refused(_FromRoom, tag="refused"):
     """Something that this client sent was refused; told once for each reason, and again when it goes on."""
 
     reason: str
@@ -515,13 +523,13 @@ class Refused(_Message, tag="refused"):
     """How many were refused for that reason so far."""
 
 
-class Answer(_Message, tag="answer"):
+class Answer(_FromRoom, tag="answer"):
     """The answer to `finish`: registration.json."""
 
     registration: dict[str, Any]
 
 
-class Bye(_Message, tag="bye"):
+class Bye(_FromRoom, tag="bye"):
     """The last message: why the room ends the connection."""
 
     reason: str
@@ -552,6 +560,7 @@ _from_room: msgspec.json.Decoder[FromRoom] = msgspec.json.Decoder(FromRoom)
 _join = msgspec.json.Decoder(Join)
 _open_room = msgspec.json.Decoder(OpenRoom)
 _joined = msgspec.json.Decoder(Joined)
+_tagged = msgspec.json.Decoder(_Tagged)
 
 
 def encode(message: msgspec.Struct) -> bytes:
@@ -567,6 +576,14 @@ def decode_from_client(data: bytes | str) -> FromClient:
 def decode_from_room(data: bytes | str) -> FromRoom:
     """What a room says. Raises MessageError for anything else."""
     return _checked(_from_room, data)
+
+
+def type_of(data: bytes | str) -> str | None:
+    """What a message that cannot be decoded calls itself; None where it is no message at all."""
+    try:
+        return _tagged.decode(data).type
+    except (msgspec.ValidationError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
 
 
 def decode_join(data: bytes) -> Join:

@@ -139,6 +139,25 @@ def test_two_clients_hear_each_other_and_objects_stand_for_both() -> None:
     run(test)
 
 
+def test_what_a_later_room_says_is_left_alone_and_counted() -> None:
+    async def test() -> None:
+        async with serving() as (server, address), await Client.join(address, ["alice"]) as alice:
+            outbox = next(iter(server.hosts[0].room.clients)).outbox
+            for word in (
+                b'{"type": "weather", "rain": true}',
+                b'{"type": "pong", "t": "soon"}',
+                b'{"kind": 1}',
+                b"\x07 another kind of bytes",
+                b'{"type": "said", "topic": "chat", "data": 1, "by": "bob", "mood": "good"}',
+            ):
+                outbox.put(word)
+            said = await alice.until(lambda word: isinstance(word, m.Said))
+            assert said == m.Said("chat", 1, "bob")
+            assert alice.not_understood == {"weather": 1, "pong": 1, "malformed": 1, "binary": 1}
+
+    run(test)
+
+
 async def forwarding(request: web.Request, ports: dict[str, int]) -> web.StreamResponse:
     """A proxy as small as can be: /a/... goes to one server, /b/... to the other."""
     base, _, rest = request.path.removeprefix("/").partition("/")

@@ -33,6 +33,10 @@ const RETRY_S = [0.25, 0.5, 1, 2, 4, 5];
 /** `bye` after which a client does not come again by itself. */
 const FINAL = new Set(["left", "elsewhere", "protocol"]);
 const MOST_QUEUED = 200;
+/** What a room says, by `type`; whatever else a later version of it says is left alone. */
+const TYPES = new Set(
+  "welcome pong members frames objects events status module_key said signalled refused answer bye".split(" "),
+);
 
 /** Why somebody was not let in: `reason` is one word, the message one sentence with a way on. */
 export class JoinError extends Error {
@@ -114,6 +118,8 @@ export class RoomClient extends EventTarget {
     this.members = new Map();
     /** Objects by id, as they stand. */
     this.objects = new Map();
+    /** How many messages of the room this client does not know and has left alone, by type. */
+    this.notUnderstood = new Map();
   }
 
   /** To be given to a new client, after a reload, in order to be the same devices. Not for anybody else's eyes. */
@@ -343,17 +349,32 @@ export class RoomClient extends EventTarget {
 
   #hear(data) {
     this.#heardAt = this.now();
-    if (typeof data !== "string") {
-      const poses = decodePoses(data);
-      // Datagrams overtake one another; many devices' poses come in several, of one number.
-      if (this.#posesHeard !== null && ((poses.sequence - this.#posesHeard) | 0) < 0) return;
-      this.#posesHeard = poses.sequence;
-      this.#clock.heard(poses.t, this.#heardAt);
-      for (const pose of poses.poses) pose.name = this.members.get(pose.member)?.name;
-      this.#tell("poses", { ...poses, poses: poses.poses.filter((pose) => pose.name !== undefined) });
+    const isText = typeof data === "string";
+    let heard;
+    try {
+      heard = isText ? JSON.parse(data) : decodePoses(data);
+    } catch {
+      this.#leaveAlone(isText ? "malformed" : "binary");
       return;
     }
-    const message = JSON.parse(data);
+    if (isText) this.#hearWord(heard);
+    else this.#hearPoses(heard);
+  }
+
+  #hearPoses({ sequence, t, poses }) {
+    // Datagrams overtake one another; many devices' poses come in several, of one number.
+    if (this.#posesHeard !== null && ((sequence - this.#posesHeard) | 0) < 0) return;
+    this.#posesHeard = sequence;
+    this.#clock.heard(t, this.#heardAt);
+    for (const pose of poses) pose.name = this.members.get(pose.member)?.name;
+    this.#tell("poses", { sequence, t, poses: poses.filter((pose) => pose.name !== undefined) });
+  }
+
+  #hearWord(message) {
+    if (!TYPES.has(message?.type)) {
+      this.#leaveAlone(typeof message?.type === "string" ? message.type : "malformed");
+      return;
+    }
     switch (message.type) {
       case "welcome":
         this.#welcome(message);
@@ -379,6 +400,11 @@ export class RoomClient extends EventTarget {
         return;
     }
     this.#tell(message.type, message);
+  }
+
+  /** Of a later version of the room, perhaps: counted, and nothing else. */
+  #leaveAlone(kind) {
+    this.notUnderstood.set(kind, (this.notUnderstood.get(kind) ?? 0) + 1);
   }
 
   #welcome(message) {

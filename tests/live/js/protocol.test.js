@@ -195,3 +195,19 @@ test("everybody's poses come with names", async (t) => {
   socket.say(new Uint8Array(Buffer.from(down[1].hex, "hex")).buffer);
   assert.deepEqual(heard, ["ann", "ben"]);
 });
+
+test("what a later room says is left alone and counted", async (t) => {
+  const { client, socket } = await connected(t);
+  const heard = [];
+  for (const type of ["weather", "state", "events"]) client.addEventListener(type, () => heard.push(type));
+  socket.say({ type: "weather", rain: true });
+  socket.say({ type: "weather", rain: false });
+  socket.say({ type: "state", state: "closed" });
+  socket.say(null);
+  socket.onmessage({ data: "{" });
+  socket.say(new ArrayBuffer(3));
+  socket.say({ type: "events", t: 1, events: ["Ben has come"], more: "than this client knows" });
+  assert.deepEqual(heard, ["events"]);
+  assert.deepEqual([...client.notUnderstood], [["weather", 2], ["state", 1], ["malformed", 2], ["binary", 1]]);
+  assert.equal(client.state, "open");
+});
