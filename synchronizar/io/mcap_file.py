@@ -31,52 +31,47 @@ COMMON = "common"
 _SCENE_S = 0.5
 _LONGEST_PATH = 5000
 """Poses of a whole way, at most; more are thinned evenly."""
-_TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
-_NUMBER, _TEXT = {"type": "number"}, {"type": "string"}
-_VECTOR = {"type": "object", "properties": dict.fromkeys("xyz", _NUMBER)}
-_QUATERNION = {"type": "object", "properties": dict.fromkeys("xyzw", _NUMBER)}
-_POSE = {"type": "object", "properties": {"position": _VECTOR, "orientation": _QUATERNION}}
-_COLOR = {"type": "object", "properties": dict.fromkeys("rgba", _NUMBER)}
+_NUMBER, _INTEGER, _TEXT, _TRUTH = ({"type": kind} for kind in ("number", "integer", "string", "boolean"))
+_PRIMITIVES = "arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models"
+"""All that an entity of a scene may be made of; each has to be there, empty or not."""
+
+
+def _object(**properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
+
+
+def _list(items: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": items}
+
+
+# Foxglove reads a part of JSON Schema only: one type for each field, `properties` in each object, no null. What is not
+# known is left out of a message.
+_TIME = _object(sec=_INTEGER, nsec=_INTEGER)
+_VECTOR = _object(**dict.fromkeys("xyz", _NUMBER))
+_QUATERNION = _object(**dict.fromkeys("xyzw", _NUMBER))
+_POSE = _object(position=_VECTOR, orientation=_QUATERNION)
+_COLOR = _object(**dict.fromkeys("rgba", _NUMBER))
+_SPHERE = _object(pose=_POSE, size=_VECTOR, color=_COLOR)
+_TEXT_ABOVE = _object(pose=_POSE, billboard=_TRUTH, font_size=_NUMBER, scale_invariant=_TRUTH, color=_COLOR, text=_TEXT)
+_ENTITY = _object(
+    timestamp=_TIME,
+    frame_id=_TEXT,
+    id=_TEXT,
+    lifetime=_TIME,
+    frame_locked=_TRUTH,
+    metadata=_list(_object(key=_TEXT, value=_TEXT)),
+    **{kind: _list(_object()) for kind in _PRIMITIVES} | {"spheres": _list(_SPHERE), "texts": _list(_TEXT_ABOVE)},
+)
 _SCHEMAS: dict[str, dict[str, Any]] = {
-    "foxglove.FrameTransform": {
-        "timestamp": _TIME,
-        "parent_frame_id": _TEXT,
-        "child_frame_id": _TEXT,
-        "translation": _VECTOR,
-        "rotation": _QUATERNION,
-    },
-    "foxglove.PosesInFrame": {"timestamp": _TIME, "frame_id": _TEXT, "poses": {"type": "array", "items": _POSE}},
-    "foxglove.SceneUpdate": {
-        "deletions": {"type": "array", "items": {"type": "object"}},
-        "entities": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "properties": {
-                    "timestamp": _TIME,
-                    "frame_id": _TEXT,
-                    "id": _TEXT,
-                    "texts": {"type": "array", "items": {"type": "object", "properties": {"color": _COLOR}}},
-                    "spheres": {"type": "array", "items": {"type": "object", "properties": {"color": _COLOR}}},
-                },
-            },
-        },
-    },
-    "synchronizar.Range": {
-        "t": _NUMBER,
-        "a": _TEXT,
-        "b": _TEXT,
-        "distance": _NUMBER,
-        "residual": {"type": ["number", "null"]},
-        "verdict": _TEXT,
-    },
-    "synchronizar.State": {
-        "t": _NUMBER,
-        "state": _TEXT,
-        "progress": _NUMBER,
-        "sigma_xy": {"type": ["number", "null"]},
-        "cue": {"type": ["string", "null"]},
-    },
+    "foxglove.FrameTransform": _object(
+        timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT, translation=_VECTOR, rotation=_QUATERNION
+    ),
+    "foxglove.PosesInFrame": _object(timestamp=_TIME, frame_id=_TEXT, poses=_list(_POSE)),
+    "foxglove.SceneUpdate": _object(
+        deletions=_list(_object(timestamp=_TIME, type=_INTEGER, id=_TEXT)), entities=_list(_ENTITY)
+    ),
+    "synchronizar.Range": _object(t=_NUMBER, a=_TEXT, b=_TEXT, distance=_NUMBER, residual=_NUMBER, verdict=_TEXT),
+    "synchronizar.State": _object(t=_NUMBER, state=_TEXT, progress=_NUMBER, sigma_xy=_NUMBER, cue=_TEXT),
 }
 # Okabe and Ito's colours, told apart by nearly everybody.
 _COLORS = (
@@ -120,7 +115,7 @@ def write_mcap(
         schemas: dict[str, int] = {}
         for message in heapq.merge(*streams, key=lambda message: message.t):
             if message.schema not in schemas:
-                schema = {"title": message.schema, "type": "object", "properties": _SCHEMAS[message.schema]}
+                schema = {"title": message.schema, **_SCHEMAS[message.schema]}
                 schemas[message.schema] = writer.register_schema(
                     message.schema, "jsonschema", json.dumps(schema).encode()
                 )
@@ -146,7 +141,7 @@ def _ranges(recording: Recording, verdicts: RangeVerdicts | None) -> Iterator[_M
         t = float(ranges.t[row])
         ends = {"a": names[ranges.a[row]], "b": names[ranges.b[row]]}
         value = {"t": t, **ends, "distance": distance, "residual": residual, "verdict": verdict}
-        yield _Message(t, "/ranges", "synchronizar.Range", value)
+        yield _Message(t, "/ranges", "synchronizar.Range", _known(value))
 
 
 def _states(updates: Sequence[Update]) -> Iterator[_Message]:
@@ -160,7 +155,7 @@ def _states(updates: Sequence[Update]) -> Iterator[_Message]:
                 "sigma_xy": sigma if sigma is not None and np.isfinite(sigma) else None,
                 "cue": user.cue,
             }
-            yield _Message(update.t, f"/states/{name}", "synchronizar.State", value)
+            yield _Message(update.t, f"/states/{name}", "synchronizar.State", _known(value))
 
 
 def _way(name: str, track: Track, parent: str) -> Iterator[_Message]:
@@ -201,6 +196,8 @@ def _scene(name: str, track: Track, sigma: float | None, n: int) -> Iterator[_Me
             "id": name,
             "lifetime": {"sec": 1, "nsec": 0},
             "frame_locked": True,
+            "metadata": [],
+            **{kind: [] for kind in _PRIMITIVES},
             "texts": [
                 {
                     "pose": above,
@@ -221,6 +218,11 @@ def _sigma(registration: Registration, name: str) -> float | None:
     if covariance is None or not np.isfinite(covariance[:3, :3]).all():
         return None
     return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+
+
+def _known(value: dict[str, Any]) -> dict[str, Any]:
+    """Without what is not known."""
+    return {name: of for name, of in value.items() if of is not None}
 
 
 def _stamp(t: float) -> dict[str, int]:

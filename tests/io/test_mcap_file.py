@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import importlib
 import json
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +16,11 @@ from synchronizar.io.tum import read_tum
 
 pytest.importorskip("mcap", reason="the extra `mcap` is not installed")
 
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, make_reader
+
+LATER = {"message_id", "lineage"}
+"""Fields that Foxglove came to have and asks of nobody."""
+TYPES = {"number": (int, float), "integer": int, "string": str, "boolean": bool}
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +75,106 @@ def test_states_over_time_are_there_where_a_replay_wrote_them(walk: Path) -> Non
     messages = written(walk, "--answer", str(walk.parent / "live"))
     lines = (walk.parent / "live" / "updates.jsonl").read_text().splitlines()
     assert sum(topic == "/states/phone1" for topic, *_ in messages) == len(lines)
+
+
+def test_what_is_not_known_is_left_out_for_foxglove_reads_no_null(walk: Path) -> None:
+    messages = written(walk) + written(walk, "--answer", str(walk.parent / "live"))
+    assert all(None not in value.values() for *_, value in messages)
+    ranges = [value for topic, _, _, value in messages if topic == "/ranges"]
+    assert {"residual" in value for value in ranges} == {False, True}
+    assert {value["verdict"] for value in ranges if "residual" not in value} <= {"unknown", "unusable"}
+
+
+def check_schema(schema: dict[str, Any]) -> None:
+    """Foxglove's reader of JSON schemas takes one type for each field, and `properties` wherever there is an object."""
+    assert schema["type"] == "object"
+    for field in schema["properties"].values():
+        inner = field["items"] if field["type"] == "array" else field
+        if inner["type"] == "object":
+            check_schema(inner)
+        else:
+            assert inner["type"] in TYPES
+
+
+def check_value(value: Any, schema: dict[str, Any]) -> None:
+    if schema["type"] == "object":
+        assert value.keys() <= schema["properties"].keys()
+        for name, of in value.items():
+            check_value(of, schema["properties"][name])
+    elif schema["type"] == "array":
+        for of in value:
+            check_value(of, schema["items"])
+    else:
+        assert isinstance(value, TYPES[schema["type"]])
+        assert schema["type"] == "boolean" or not isinstance(value, bool)
+
+
+def test_schemas_are_as_foxglove_reads_them_and_messages_are_as_they_say(walk: Path) -> None:
+    out = walk.parent / "checked.mcap"
+    assert main(["convert", str(walk), str(out), "--answer", str(walk.parent / "live")]) == 0
+    schemas = {}
+    with out.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            if schema.name not in schemas:
+                schemas[schema.name] = json.loads(schema.data)
+                check_schema(schemas[schema.name])
+            check_value(json.loads(message.data), schemas[schema.name])
+    assert len(schemas) == 5
+
+
+def test_the_file_is_sound_whether_it_is_read_by_its_index_or_from_its_beginning(walk: Path) -> None:
+    messages = written(walk, "--answer", str(walk.parent / "live"))
+    with (walk.parent / "walk.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        statistics = summary.statistics
+        assert statistics is not None
+        assert statistics.message_count == len(messages)
+        assert statistics.channel_count == len(summary.channels) == len({topic for topic, *_ in messages})
+        assert statistics.schema_count == len(summary.schemas) == len({schema for _, schema, *_ in messages})
+        assert sum(statistics.channel_message_counts.values()) == len(messages)
+        assert statistics.chunk_count == len(summary.chunk_indexes) > 0
+        assert [round(1e-9 * end, 9) for end in (statistics.message_start_time, statistics.message_end_time)] == [
+            round(messages[0][2], 9),
+            round(messages[-1][2], 9),
+        ]
+        file.seek(0)
+        assert sum(1 for _ in NonSeekingReader(file, validate_crcs=True).iter_messages()) == len(messages)
+
+
+def as_protobuf(value: Any, name: str = "") -> Any:
+    """JSON as protobuf writes it, which has other words for moments and durations."""
+    if isinstance(value, dict) and value.keys() == {"sec", "nsec"}:
+        seconds = f"{value['sec']}.{value['nsec']:09d}s"
+        if name == "lifetime":
+            return seconds
+        moment = datetime.fromtimestamp(value["sec"], UTC)
+        return f"{moment:%Y-%m-%dT%H:%M:%S}.{value['nsec']:09d}Z"
+    if isinstance(value, dict):
+        return {key: as_protobuf(of, key) for key, of in value.items()}
+    return [as_protobuf(of) for of in value] if isinstance(value, list) else value
+
+
+def test_messages_have_the_fields_and_types_that_foxglove_publishes(walk: Path) -> None:
+    published = pytest.importorskip("foxglove_schemas_protobuf", reason="Foxglove's own schemas are not installed")
+    json_format = pytest.importorskip("google.protobuf.json_format")
+    seen: Counter[str] = Counter()
+    for _, schema, t, value in written(walk, "--answer", str(walk.parent / "live")):
+        if not schema.startswith("foxglove."):
+            continue
+        kind = schema.removeprefix("foxglove.")
+        message = getattr(importlib.import_module(f"{published.__name__}.{kind}_pb2"), kind)()
+        json_format.ParseDict(as_protobuf(value), message)  # refuses what is not a field, or of another type
+        wanted = {field.name for field in message.DESCRIPTOR.fields}
+        assert wanted <= value.keys() | LATER
+        for entity in value.get("entities", []):  # type: ignore[attr-defined]
+            assert {field.name for field in message.entities[0].DESCRIPTOR.fields} <= entity.keys() | LATER
+            assert abs(message.entities[0].timestamp.ToNanoseconds() - 1e9 * t) < 1000
+        seen[kind] += 1
+    assert seen.keys() == {"FrameTransform", "PosesInFrame", "SceneUpdate"}
 
 
 def test_a_name_that_says_no_format_is_told(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
