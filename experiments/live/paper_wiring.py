@@ -75,9 +75,16 @@ class ByModule:
 
 
 async def walk_as_in_the_paper(
-    simulation: Simulation, address: str, seed: int, enough: Callable[[list[Seen]], bool] = lambda _: False
+    simulation: Simulation,
+    address: str,
+    seed: int,
+    enough: Callable[[list[Seen]], bool] = lambda _: False,
+    clock: Callable[[], float] = time.time,
 ) -> Counted:
-    """All devices of a walk join a room, wire themselves, and walk to the walk's end, or until `enough` is seen."""
+    """All devices of a walk join a room, wire themselves, and walk to the walk's end, or until `enough` is seen.
+
+    `clock` (s) is the time that they walk by, and all devices' own.
+    """
     random = np.random.default_rng(seed)
     names = [user.name for user in simulation.recording.users]
     own = {name: own_axes(simulation, name) for name in names}
@@ -85,7 +92,7 @@ async def walk_as_in_the_paper(
         clients: dict[str, Client] = {}
         for name in names:
             clients[name] = await stack.enter_async_context(
-                await Client.join(address, [name], up=up_of(simulation, name))
+                await Client.join(address, [name], up=up_of(simulation, name), clock=clock)
             )
         keys = {name: await module_key(client, name, n) for n, (name, client) in enumerate(clients.items())}
         for client in clients.values():
@@ -107,10 +114,10 @@ async def walk_as_in_the_paper(
             radio, board = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM, 2).tolist()
             air.add(key.address, Carried(bytes.fromhex(key.key), radio, board))
         block(air, simulation, keys)
-        began = time.time()
+        began = clock()
         seen: list[Seen] = []
         said = dict.fromkeys(names, 0)
-        while (t := time.time() - began) < simulation.scene.seconds and not enough(seen):
+        while (t := clock() - began) < simulation.scene.seconds and not enough(seen):
             for name in names:
                 track, (position, quat) = simulation.recording.tracks[name], own[name]
                 upto = int(np.searchsorted(track.t, t, side="right"))

@@ -96,11 +96,18 @@ class Server:
     """The parts of a server, started and closed."""
 
     def __init__(
-        self, options: ServerOptions, context: ssl.SSLContext | None, certificate: bytes | None = None
+        self,
+        options: ServerOptions,
+        context: ssl.SSLContext | None,
+        certificate: bytes | None = None,
+        clock: Callable[[], float] | None = None,
     ) -> None:
-        """`context`: with what to serve, None: without TLS; `certificate`: the one in it, in DER."""
+        """`context`: with what to serve, None: without TLS; `certificate`: the one in it, in DER.
+
+        `clock`: of all rooms (s), one that only goes forwards; None: a clock of its own.
+        """
         self.options = options
-        self.clock = RoomClock()
+        self.clock = clock or RoomClock()
         self.lobby = Lobby(self.clock)
         self.hosts: list[RoomHost] = []
         self._context = context

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from contextlib import AsyncExitStack
 from typing import Any
 
@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("aiortc", reason="the extra `webrtc` is not installed")
 
-from support.serving import serving
+from support.serving import run, serving
 
 from synchronizar.geometry import YawFrame
 from synchronizar.live import messages as m
@@ -26,10 +26,6 @@ from synchronizar.live.room import Room
 from synchronizar.live.webrtc import RoomPeers
 
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
-
-
-def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    asyncio.run(asyncio.wait_for(test(), 60.0))
 
 
 async def hearing(client: Client) -> None:
