@@ -83,6 +83,8 @@ class Clock:
 class Watching:
     """In the solver's place: looks at what reaches it."""
 
+    trouble: str | None = None
+
     def __init__(self, clock: Clock, names: Any) -> None:
         self.counted: Counter[str] = Counter()
         self._clock, self._names = clock, names

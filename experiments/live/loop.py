@@ -77,6 +77,8 @@ class _Loop(asyncio.SelectorEventLoop):
 class Told10Hz:
     """Says at once that everybody is registered, and a little elsewhere than before."""
 
+    trouble: str | None = None
+
     def __init__(self, room: Room) -> None:
         self._room = room
         self._pending: list[Command] = []

@@ -19,12 +19,13 @@ def status(
     common: CommonFrame,
     refused: Iterable[Counter[str]],
     lag: m.Lag | None,
+    trouble: str | None,
 ) -> m.Status:
-    """At `t` (s, room's time). `refused`: by reason, of what is nobody's."""
+    """At `t` (s, room's time). `refused`: by reason, of what is nobody's; `trouble`: of the solver."""
     users = {device.name: _health(device, t, sleeping) for device in people.devices.values()}
     pairs = [m.PairRange(r.a, r.b, r.distance, r.residual, r.used, max(0.0, t - r.t)) for r in common.ranges]
     behind = float(max(0.0, t - max(common.known_at, t - 3600.0)))
-    return m.Status(t, users, pairs, dict(sum(refused, Counter())), behind, lag)
+    return m.Status(t, users, pairs, dict(sum(refused, Counter())), behind, lag, trouble)
 
 
 def _health(device: Device, t: float, sleeping: Sleeping) -> m.Health:

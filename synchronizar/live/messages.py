@@ -495,6 +495,8 @@ class Status(_FromRoom, tag="status"):
     """s: how far the solver is behind the room's clock."""
     lag: Lag | None = None
     """Of the server; null where nobody watches it."""
+    solver: str | None = None
+    """What is wrong with the solver: until it works again frames stay as they are. Null where it works."""
 
 
 class Said(_FromRoom, tag="said"):

@@ -219,7 +219,8 @@ class Room:
             Counter({f"datagram {reason}": n for reason, n in datagrams.items()}),
         )
         lag = None if self.lag is None else self.lag()
-        return status(self.time(), self.people, self.sleeping, self.common, refused, lag)
+        trouble = None if self.solver is None else self.solver.trouble
+        return status(self.time(), self.people, self.sleeping, self.common, refused, lag, trouble)
 
     # Inside
 

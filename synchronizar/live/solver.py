@@ -6,13 +6,15 @@ import asyncio
 import os
 import signal
 import sys
+import time
 from asyncio.subprocess import PIPE, Process
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from synchronizar.live.restarts import TOLD_FROM_S, Restarts
 from synchronizar.live.solver_wire import (
     LENGTH,
     Advance,
@@ -39,12 +41,13 @@ _MOST_UNANSWERED = 2
 _MOST_KEPT = 200_000
 """Commands that are kept while there is no state yet."""
 _ENDS_WITHIN_S = 0.5
-_QUICK_DEATHS = 3
-_QUICK_S = 2.0
 
 
 class Solver(Protocol):
     """What a room needs of whoever solves it."""
+
+    trouble: str | None
+    """Why nothing is solved just now, in one sentence; None where it works."""
 
     def feed(self, command: Command) -> None:
         """Something that a device said."""
@@ -71,14 +74,18 @@ class SolverProcess:
         begin: Begin,
         saved: Callable[[int, dict[str, int]], None] | None = None,
         saving: Callable[[int], None] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        rest: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         """`told`, `finished` and `event` hear what comes.
 
         `state` is the file for its state: `saving` hears the block that asks for it, `saved` the block and all devices'
-        frames then, once it is written.
+        frames then, once it is written. `clock` (s) and `rest` say how long the process lives, and is left alone.
         """
-        self.restarts = 0
+        self.trouble: str | None = None
         self.closed = False
+        self._restarts, self._rest = Restarts(clock), rest
+        self._news_from = 0
         self._told, self._finished, self._event = told, finished, event
         self._saving_hook, self._saved_hook = saving, saved
         self._state, self._begin = state, begin
@@ -96,6 +103,11 @@ class SolverProcess:
         self._process: Process | None = None
         self._drained = asyncio.Event()
         self._drained.set()
+
+    @property
+    def restarts(self) -> int:
+        """How often its process ended by itself."""
+        return self._restarts.all
 
     @property
     def serial(self) -> int:
@@ -146,21 +158,16 @@ class SolverProcess:
 
     async def run(self) -> None:
         """Keep the process going until `close`."""
-        loop, deaths = asyncio.get_running_loop(), 0
         while not self.closed:
-            began = loop.time()
-            with suppress(ConnectionError, asyncio.IncompleteReadError):
+            self._restarts.began()
+            self._news_from = self._serial + 1
+            with suppress(OSError, asyncio.IncompleteReadError):  # a machine without memory begins no process either
                 await self._run_once()
             if self.closed:
                 return
-            self.restarts += 1
-            deaths = deaths + 1 if loop.time() - began < _QUICK_S else 0
-            if deaths >= _QUICK_DEATHS:
-                # What it is told makes it die: go on from the state before, without what came since.
-                self._forget_measured()
-                deaths = 0
-            self._event("the solver ended by itself and was begun again; nothing that was measured is lost")
-            await asyncio.sleep(0.05 * 2**deaths)
+            wait = self._restarts.ended()
+            self._tell_of_end(wait)
+            await self._rest(wait)
 
     async def close(self) -> None:
         """End the process."""
@@ -168,6 +175,21 @@ class SolverProcess:
         if self._process is not None:
             _signal(self._process, signal.SIGTERM)
             await self._process.wait()
+
+    def _tell_of_end(self, wait: float) -> None:
+        """It ended by itself, and is left alone for `wait` s."""
+        if self._restarts.blames_what_came:
+            # What it is told makes it die: go on from the state before, without what came since.
+            self._forget_measured()
+            lost = "what was measured since its last state is left out"
+        else:
+            lost = "nothing that was measured is lost"
+        if wait < TOLD_FROM_S:
+            self._event(f"the solver ended by itself and is begun again; {lost}")
+            return
+        n = self._restarts.in_a_row
+        self.trouble = f"the solver has ended {n} times in a row: it is begun again {wait:.0f} s after its last end"
+        self._event(f"{self.trouble}; {lost}")
 
     async def _run_once(self) -> None:
         command = (sys.executable, "-m", "synchronizar.live.estimating")
@@ -213,6 +235,9 @@ class SolverProcess:
         match reply:
             case Told():
                 self._heard_of = reply.t
+                if reply.serial >= self._news_from and self._restarts.works() and self.trouble is not None:
+                    self.trouble = None
+                    self._event("the solver works again")
                 while self._unanswered and self._unanswered[0] <= reply.serial:
                     self._unanswered.popleft()
                 if len(self._unanswered) <= _MOST_UNANSWERED:

@@ -94,6 +94,8 @@ def test_words_and_poses_come_and_go_by_webtransport() -> None:
     fed: list[Any] = []
 
     class Solver:
+        trouble: str | None = None
+
         def feed(self, command: Any) -> None:
             fed.append(command)
 

@@ -109,6 +109,8 @@ class Way:
 class SolverHere:
     """Solves at once, in this process."""
 
+    trouble: str | None = None
+
     def __init__(self, told: Callable[[Told], None]) -> None:
         self._solving, self._told = Solving(Begin(0)), told
 

@@ -29,6 +29,8 @@ class Clock:
 class FakeSolver:
     """Remembers what it is told."""
 
+    trouble: str | None = None
+
     def __init__(self) -> None:
         self.commands: list[Command] = []
         self.asked: list[float] = []

@@ -12,7 +12,7 @@ import { fillJoinCard } from "../view/join_card.js";
 import { Tables, counts } from "../view/tables.js";
 import { TopView } from "../view/top_view.js";
 import { addressOf, codeOf, recalled, remember, serverAddress, spelled } from "../visit.js";
-import { connection, duration, stateOf } from "../words.js";
+import { connection, duration, sentence, stateOf } from "../words.js";
 import { RoomModel } from "./model.js";
 
 const REDRAW_MS = 250;
@@ -30,7 +30,7 @@ const view = new TopView(byId("top-view"), model);
 const apps = new AppList(byId("other-apps"), byId("app-list"), serverAddress(), code);
 let app = null;
 let began = null;
-let behind = false;
+let troubled = false;
 
 /** For tests and the browser's console. */
 globalThis.synchronizar = { client, model };
@@ -83,7 +83,7 @@ async function showApp(name) {
 
 function counters() {
   const { status } = client;
-  tellBehind(client.state === "open" && model.users.size > 0 && status?.behind > BEHIND_S);
+  tellOfSolver(client.state === "open" && model.users.size > 0 ? status : null);
   const users = model.present;
   const registered = users.filter((user) => stateOf(user.told) === "registered").length;
   say(byId("count-registered"), `${registered} of ${users.length}`);
@@ -95,14 +95,12 @@ function counters() {
   say(byId("count-latency"), client.roundTrip === null ? "–" : `${Math.round(500 * client.roundTrip)} ms`);
 }
 
-function tellBehind(now) {
-  if (now) {
-    const text = "The room's solver is far behind: its computer is too slow for so many devices, or it is being started anew.";
-    banner.show(text, "warn");
-  } else if (behind) {
-    banner.hide();
-  }
-  behind = now;
+function tellOfSolver(status) {
+  const slow = "The room's solver is far behind: its computer is too slow for so many devices, or it is being started anew.";
+  const text = status?.solver ? `${sentence(status.solver)}.` : status?.behind > BEHIND_S ? slow : null;
+  if (text !== null) banner.show(text, "warn");
+  else if (troubled) banner.hide();
+  troubled = text !== null;
 }
 
 function elapsed(t) {
