@@ -6,6 +6,7 @@ import numpy as np
 
 from synchronizar.geometry import YawFrame
 from synchronizar.live import messages as m
+from synchronizar.live.doubts import Doubts
 from synchronizar.live.member import Device
 from synchronizar.live.peer_placing import placed, told_frame
 from synchronizar.live.people import People
@@ -28,6 +29,7 @@ class CommonFrame:
         self.known_at = -np.inf
         """s: of when it is."""
         self._people = people
+        self._doubts = Doubts()
         self._untold = False
         self._frames_at = -np.inf
 
@@ -65,7 +67,7 @@ class CommonFrame:
         return placed(frame, position, quat)
 
     def standings(self) -> dict[str, Standing]:
-        """How those stand who are here."""
+        """How those stand who are here; who is doubted is so once, when what was told of them was contradicted."""
         standings = {}
         for device in self._people.devices.values():
             told = self.now.users.get(device.name)
@@ -74,7 +76,9 @@ class CommonFrame:
             if told is None or told.frame != device.frame:
                 standings[device.name] = Standing(registered=False, sigma=np.inf)
             else:
-                standings[device.name] = standing_of(told.state, told.sigma)
+                doubted = self._doubts.look(self.now.t, device, told)
+                standings[device.name] = standing_of(told.state, told.sigma, doubted)
+        self._doubts.keep(standings)
         return standings
 
 

@@ -59,6 +59,25 @@ class _Told(NamedTuple):
     covariance: Array
 
 
+class DriftAlarm:
+    """Watches one device's frame for corrections that are larger than what had been told of it allows."""
+
+    def __init__(self, parameters: SmoothingParameters | None = None) -> None:
+        self._parameters = parameters or SmoothingParameters()
+        self._told: _Told | None = None
+
+    def solved(self, t: float, placing: Placing, covariance: Array, at: ArrayLike) -> Alarm | None:
+        """A registered frame was told at `t` (s); the device is `at` (3,) m in its own frame."""
+        alarm = None if self._told is None else _alarm(self._told, placing, at, self._parameters)
+        if self._told is None or alarm is not None or t - self._told.t >= self._parameters.alarm_memory:
+            self._told = _Told(t, placing, covariance)
+        return alarm
+
+    def forget(self) -> None:
+        """Whatever comes next contradicts nothing."""
+        self._told = None
+
+
 class Smoother:
     """Follows one device's frame. `solved` for each frame that is told, `step` for each frame that is drawn."""
 
@@ -68,7 +87,7 @@ class Smoother:
         self.shown: Placing | None = None
         self._solved: Placing | None = None
         self._covariance: Array = np.zeros((4, 4))
-        self._told: _Told | None = None
+        self._alarm = DriftAlarm(self.parameters)
         self._following = [False, False, False]
 
     def solved(self, t: float, placing: Placing, covariance: ArrayLike, at: ArrayLike) -> Alarm | None:
@@ -77,22 +96,20 @@ class Smoother:
         The device is `at` (3,) m in its own frame. An alarm where it contradicts what was told before: a page says that
         things have moved.
         """
-        cov, p = np.asarray(covariance, dtype=float), self.parameters
-        alarm = None if self._told is None else _alarm(self._told, placing, at, p)
-        if self._told is None or alarm is not None or t - self._told.t >= p.alarm_memory:
-            self._told = _Told(t, placing, cov)
-        self._solved, self._covariance = placing, cov
+        self._solved, self._covariance = placing, np.asarray(covariance, dtype=float)
+        alarm = self._alarm.solved(t, placing, self._covariance, at)
         if self.shown is None:
             self.shown = placing
         return alarm
 
     def lost(self) -> None:
         """The device is not registered any more: what is shown stays, and whatever comes next contradicts nothing."""
-        self._told = None
+        self._alarm.forget()
 
     def forget(self) -> None:
         """The device's SLAM began another frame: nothing can be shown until that one is solved."""
-        self.shown, self._solved, self._told, self.opacity = None, None, None, 0.0
+        self._alarm.forget()
+        self.shown, self._solved, self.opacity = None, None, 0.0
         self._following = [False, False, False]
 
     def step(self, dt: float, at: ArrayLike, in_view: bool = True) -> Shown | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import msgspec
 import numpy as np
 import pytest
 from support.house import House, datagram, only, refused, user_frame
@@ -197,41 +198,68 @@ def test_modules_ranges_come_in_by_the_rooms_clock_and_with_their_own_keys_alone
     assert refused_ == {"datagram tag": 1, "datagram sequence": 1, "datagram peer": 1}
 
 
-def test_modules_are_told_to_sleep_when_all_are_registered_and_to_range_on_when_one_is_not() -> None:
-    house = House()
-    for name, address in (("alice", 7), ("bob", 8)):
-        house.room.hear(house.enter(name)[0], m.Module(name, address))
-    own = house.room.modules.keys.of(7)
+class Modules:
+    """Alice's and Bob's modules in a room; Alice's takes no orders."""
 
-    def orders(seconds: float, begin: int) -> set[int]:
-        """s of sleep that alice's module is told meanwhile, where it takes no orders."""
+    def __init__(self) -> None:
+        self.house, self.sent = House(), 0
+        for name, address in (("alice", 7), ("bob", 8)):
+            self.house.room.hear(self.house.enter(name)[0], m.Module(name, address))
+        self.own = self.house.room.modules.keys.of(7)
+
+    def orders(self, seconds: float) -> set[int]:
+        """s of sleep that alice's module is told meanwhile."""
         told = set()
-        for n in range(begin, begin + round(10 * seconds)):
-            house.clock.t += 0.1
-            word = datagram(house, 7, 8, n, 5.0 + 0.1 * n, 4000, own)
-            heard = house.room.hear_datagram(word, house.clock.t)
+        for n in range(self.sent, self.sent + round(10 * seconds)):
+            self.house.clock.t += 0.1
+            word = datagram(self.house, 7, 8, n, 5.0 + 0.1 * n, 4000, self.own)
+            heard = self.house.room.hear_datagram(word, self.house.clock.t)
             assert heard is not None
-            for order in house.room.orders_for(heard, house.clock.t):
-                read = decode_order(order, own)
+            for order in self.house.room.orders_for(heard, self.house.clock.t):
+                read = decode_order(order, self.own)
                 assert (read.module, read.sequence) == (7, n)
                 told.add(read.sleep_s)
-            house.room.tick()
+            self.house.room.tick()
+        self.sent += round(10 * seconds)
         return told
 
-    def states(bob: str) -> None:
-        users = {"alice": user_frame(YawFrame()), "bob": user_frame(YawFrame(), bob)}
-        house.room.told(Told(house.clock.t, 1, "alice", users, [], [], 0.01))
+    def told(self, bob: str, x: float = 0.0) -> None:
+        """Bob has that state, and a frame that is known to 2 cm and lies at `x` m."""
+        covariance = (0.02**2 * np.eye(4)).tolist()
+        users = {"alice": user_frame(YawFrame()), "bob": user_frame(YawFrame(x=x), bob)}
+        users["bob"] = msgspec.structs.replace(users["bob"], covariance=covariance)
+        self.house.room.told(Told(self.house.clock.t, 1, "alice", users, [], [], 0.01))
 
-    states("unobservable")
-    assert orders(30.0, 0) == {0}
-    states("registered")
-    assert orders(19.0, 300) == {0}
-    assert max(orders(20.0, 490)) > 1
-    assert house.room.status().users["alice"].asleep
-    states("ambiguous")
-    orders(1.0, 690)
-    assert orders(20.0, 700) == {0}
-    assert not house.room.status().users["alice"].asleep
+    def alice_sleeps(self) -> bool:
+        return self.house.room.status().users["alice"].asleep
+
+
+def test_modules_are_told_to_sleep_when_all_are_registered_and_to_range_on_when_one_is_not() -> None:
+    modules = Modules()
+    modules.told("unobservable")
+    assert modules.orders(30.0) == {0}
+    modules.told("registered")
+    assert modules.orders(19.0) == {0}
+    assert max(modules.orders(20.0)) > 1
+    assert modules.alice_sleeps()
+    modules.told("ambiguous")
+    modules.orders(1.0)
+    assert modules.orders(20.0) == {0}
+    assert not modules.alice_sleeps()
+
+
+def test_modules_range_on_when_somebody_was_corrected_by_more_than_what_was_told() -> None:
+    modules = Modules()
+    modules.told("registered")
+    modules.orders(30.0)
+    assert modules.alice_sleeps()
+    modules.told("registered", 0.03)
+    assert min(modules.orders(5.0)) > 0, "as sure as it was told to be"
+    modules.told("registered", 0.5)
+    modules.orders(1.0)
+    assert modules.orders(18.0) == {0}
+    assert not modules.alice_sleeps()
+    assert max(modules.orders(5.0)) > 1, "it has agreed with itself for a while"
 
 
 def test_recorded_time_is_what_its_client_says_and_the_answer_comes_to_it() -> None:
