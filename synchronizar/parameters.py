@@ -569,8 +569,10 @@ class SmoothingParameters:
     """m/s at which things may always move, ..."""
     rate: float = 0.2
     """1/s: ... and this times their error besides."""
+    people: float = 5.0
+    """Times as fast where only people are on the screen: they walk, and what is corrected is not told from a step."""
     out_of_view: float = 10.0
-    """Times as fast where nothing that moves is on the screen."""
+    """Times as fast where nothing that would move is on the screen."""
     fade_beyond: float = 0.5
     """m: from here on things fade out, and in again where they belong."""
     fade_time: float = 0.3

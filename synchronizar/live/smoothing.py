@@ -10,7 +10,7 @@ SLAM, and turns and scales as they move what is `arm` away.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,9 @@ from numpy.typing import ArrayLike
 from synchronizar.arrays import Array
 from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import SmoothingParameters
+
+InView: TypeAlias = Literal["things", "people", "nothing"]
+"""What of the common frame is on the screen: something that stands, or else somebody who moves anyway, or nothing."""
 
 
 class Placing(NamedTuple):
@@ -112,10 +115,10 @@ class Smoother:
         self.shown, self._solved, self.opacity = None, None, 0.0
         self._following = [False, False, False]
 
-    def step(self, dt: float, at: ArrayLike, in_view: bool = True) -> Shown | None:
+    def step(self, dt: float, at: ArrayLike, in_view: InView = "things") -> Shown | None:
         """The frame to draw with, `dt` (s) after the last, the device being `at` (3,) m in its own frame.
 
-        `in_view`: whether anything that would move is on the screen. None: nothing was solved yet.
+        None: nothing was solved yet.
         """
         if self.shown is None or self._solved is None:
             return None
@@ -126,15 +129,16 @@ class Smoother:
         turn = wrap_angle(goal.yaw - shown.yaw)
         stretch = math.log(goal.scale / shown.scale)
         fading = max(distance, p.arm * abs(turn), p.arm * abs(stretch)) > p.fade_beyond
-        if fading and in_view:
+        seen = in_view != "nothing"
+        if fading and seen:
             self.opacity -= dt / p.fade_time
-        if fading and (not in_view or self.opacity <= 0.0):
+        if fading and (not seen or self.opacity <= 0.0):
             self.opacity, self.shown, self._following = max(0.0, self.opacity), goal, [False, False, False]
             return Shown(goal, self.opacity)
         if not fading:
             self.opacity = min(1.0, self.opacity + dt / p.fade_time)
             sigma, sigma_yaw = _sigmas(self._covariance, goal, at)
-            factor = dt * (1.0 if in_view else p.out_of_view)
+            factor = dt * {"things": 1.0, "people": p.people, "nothing": p.out_of_view}[in_view]
             moved = self._share(0, distance, sigma, 1.0, factor)
             turned = self._share(1, abs(turn), sigma_yaw, p.arm, factor)
             stretched = self._share(2, abs(stretch), 0.0, p.arm, factor)

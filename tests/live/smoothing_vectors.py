@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from synchronizar.live.smoothing import Placing, Smoother
+from synchronizar.live.smoothing import InView, Placing, Smoother
 
 VECTORS = Path(__file__).parent / "vectors" / "smoothing.json"
 Call = dict[str, Any]
@@ -35,7 +35,7 @@ def scripts() -> dict[str, list[Call]]:
         placing = {"x": x, "y": y, "z": z, "yaw": yaw, "scale": scale}
         return {"call": "solved", "t": t, "placing": placing, "covariance": cov, "at": at}
 
-    def steps(n: int, dt: float, at: list[float], in_view: bool = True) -> list[Call]:
+    def steps(n: int, dt: float, at: list[float], in_view: InView = "things") -> list[Call]:
         return [{"call": "step", "dt": dt, "at": at, "in_view": in_view} for _ in range(n)]
 
     near, far = [1.0, -2.0, 0.3], [40.0, 25.0, 1.0]
@@ -51,6 +51,11 @@ def scripts() -> dict[str, list[Call]]:
             *[solved(0.0, 1.0, 2.0, 0.0, 0.7, 1.0, sure, near), *steps(20, 0.02, near)],
             *[solved(0.5, 1.04, 1.98, 0.01, 0.71, 1.001, sure, near), *steps(30, 0.02, near)],
         ],
+        "people alone": [
+            *[solved(0.0, 1.0, 2.0, 0.0, 0.7, 1.0, sure, near), *steps(20, 0.02, near, "people")],
+            *[solved(0.5, 1.2, 1.9, 0.01, 0.72, 1.001, sure, near), *steps(30, 0.02, near, "people")],
+            *[solved(1.5, 2.2, 1.9, 0.01, 0.72, 1.001, sure, near), *steps(30, 0.02, near, "people")],
+        ],
         "within the noise": noisy,
         "far from its origin": [
             *[solved(0.0, -3.0, 9.0, 0.0, 3.1, 1.0, sure, far), *steps(16, 0.02, far)],
@@ -60,8 +65,8 @@ def scripts() -> dict[str, list[Call]]:
         "a jump": [
             *[solved(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, sure, near), *steps(10, 0.05, near)],
             *[solved(0.5, 3.0, 1.0, 0.1, 0.5, 1.0, sure, near), *steps(16, 0.05, near)],
-            *[solved(1.5, 0.0, 0.0, 0.0, 0.0, 1.0, sure, near), *steps(3, 0.05, near, False)],
-            *[{"call": "lost"}, solved(3.0, 0.3, 0.1, 0.1, 0.05, 1.0, sure, near), *steps(10, 0.05, near, False)],
+            *[solved(1.5, 0.0, 0.0, 0.0, 0.0, 1.0, sure, near), *steps(3, 0.05, near, "nothing")],
+            *[{"call": "lost"}, solved(3.0, 0.3, 0.1, 0.1, 0.05, 1.0, sure, near), *steps(10, 0.05, near, "nothing")],
             *[{"call": "forget"}, *steps(1, 0.05, near)],
             *[solved(4.0, 5.0, 5.0, 0.0, 2.0, 1.02, sure, near), *steps(8, 0.05, near)],
         ],

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live.smoothing_vectors import VECTORS, covariance, run, scripts
 
-from synchronizar.live.smoothing import Placing, Smoother
+from synchronizar.live.smoothing import InView, Placing, Smoother
 from synchronizar.parameters import SmoothingParameters
 
 RULE = SmoothingParameters()
@@ -113,12 +113,16 @@ def test_what_is_more_than_half_a_metre_off_fades_and_is_never_seen_to_jump() ->
     assert frames[-1].placing.x == 3.0
 
 
-def test_out_of_view_it_goes_faster() -> None:
-    seen = following(Placing(0.0, 0.0, 0.0, 0.0), Placing(0.3, 0.0, 0.0, 0.0)).step(0.1, HERE, True)
-    unseen = following(Placing(0.0, 0.0, 0.0, 0.0), Placing(0.3, 0.0, 0.0, 0.0)).step(0.1, HERE, False)
-    assert seen is not None
-    assert unseen is not None
-    assert unseen.placing.x == pytest.approx(10.0 * seen.placing.x)
+def test_it_goes_faster_where_only_people_are_in_view_and_faster_still_where_nothing_is() -> None:
+    def moved(in_view: InView) -> float:
+        smoother = following(Placing(0.0, 0.0, 0.0, 0.0), Placing(0.3, 0.0, 0.0, 0.0))
+        shown = smoother.step(0.1, HERE, in_view)
+        assert shown is not None
+        return shown.placing.x
+
+    assert moved("people") == pytest.approx(RULE.people * moved("things"))
+    assert moved("nothing") == pytest.approx(RULE.out_of_view * moved("things"))
+    assert moved("people") < 0.1 * 0.5, "less than half of a walk"
 
 
 def test_an_alarm_is_what_contradicts_what_was_told() -> None:

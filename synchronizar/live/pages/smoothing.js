@@ -13,6 +13,7 @@ export const SMOOTHING = Object.freeze({
   settled: 0.5,
   least_speed: 0.02,
   rate: 0.2,
+  people: 5.0,
   out_of_view: 10.0,
   fade_beyond: 0.5,
   fade_time: 0.3,
@@ -93,9 +94,9 @@ export class Smoother {
 
   /**
    * What to draw with, `dt` after the last time: {placing, opacity}, or null where nothing was solved yet.
-   * `inView`: whether anything that would move is on the screen.
+   * `inView`, of the common frame on the screen: "things" that stand, or else "people", who move anyway, or "nothing".
    */
-  step(dt, at, inView = true) {
+  step(dt, at, inView = "things") {
     if (!this.shown) return null;
     const p = this.parameters;
     const shown = this.shown;
@@ -107,15 +108,16 @@ export class Smoother {
     const turn = wrap(goal.yaw - shown.yaw);
     const stretch = Math.log(goal.scale / shown.scale);
     const fading = Math.max(distance, p.arm * Math.abs(turn), p.arm * Math.abs(stretch)) > p.fade_beyond;
-    if (fading && inView) this.opacity -= dt / p.fade_time;
-    if (fading && (!inView || this.opacity <= 0)) {
+    const seen = inView !== "nothing";
+    if (fading && seen) this.opacity -= dt / p.fade_time;
+    if (fading && (!seen || this.opacity <= 0)) {
       this.opacity = Math.max(0, this.opacity);
       this.shown = goal;
       this.#following = [false, false, false];
     } else if (!fading) {
       this.opacity = Math.min(1, this.opacity + dt / p.fade_time);
       const told = covarianceAt(this.#covariance, goal, at);
-      const factor = dt * (inView ? 1 : p.out_of_view);
+      const factor = dt * { things: 1, people: p.people, nothing: p.out_of_view }[inView];
       const moved = this.#share(0, distance, ellipse(told).major, 1, factor);
       const turned = this.#share(1, Math.abs(turn), Math.sqrt(Math.max(0, told[3][3])), p.arm, factor);
       const stretched = this.#share(2, Math.abs(stretch), 0, p.arm, factor);

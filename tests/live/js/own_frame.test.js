@@ -24,32 +24,32 @@ function phone() {
 test("nothing stands in place before this device is registered", () => {
   const { own, tell } = phone();
   tell(0, 1, { state: "unobservable" });
-  assert.equal(own.step(0.02, true), null);
+  assert.equal(own.step(0.02, "things"), null);
   assert.equal(own.opacity, 0);
   tell(1, 1);
-  assert.equal(own.step(1, true).x, 1);
+  assert.equal(own.step(1, "things").x, 1);
   assert.equal(own.opacity, 1);
 });
 
 test("what was in place stays, and pales, while this device is not sure of it", () => {
   const { own, tell } = phone();
   tell(0, 1);
-  own.step(1, true);
+  own.step(1, "things");
   tell(1, 5, { state: "unobservable" });
-  assert.equal(own.step(0.02, true).x, 1);
+  assert.equal(own.step(0.02, "things").x, 1);
   assert.ok(own.opacity > 0 && own.opacity < 0.5);
 });
 
 test("what is told of an earlier frame of its SLAM is not drawn with", () => {
   const { own, member, tell } = phone();
   tell(0, 1);
-  own.step(1, true);
+  own.step(1, "things");
   member.frame = 1;
   own.forget();
   tell(1, 1, { frame: 0 });
-  assert.equal(own.step(0.02, true), null);
+  assert.equal(own.step(0.02, "things"), null);
   tell(2, 7, { frame: 1 });
-  assert.equal(own.step(0.02, true).x, 7);
+  assert.equal(own.step(0.02, "things").x, 7);
 });
 
 test("a correction beyond what was told is told, one after it was lost is not", () => {

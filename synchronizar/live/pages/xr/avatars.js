@@ -106,6 +106,7 @@ class Avatar {
     this.root = new Group();
     this.root.add(this.body, this.doubt, this.name_);
     this.root.visible = false;
+    this.root.userData.moves = !still;
     this.group = group;
     group.add(this.root);
   }

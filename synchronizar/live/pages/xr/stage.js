@@ -47,14 +47,16 @@ export class Stage {
     this.common.matrixWorldNeedsUpdate = true;
   }
 
-  /** Whether anything of the common frame is on the screen. */
+  /** What of the common frame is on the screen: "things" that stand, or else "people", or "nothing". */
   get inView() {
     const camera = this.renderer.xr.isPresenting ? this.renderer.xr.getCamera() : this.camera;
     this.#frustum.setFromProjectionMatrix(this.#matrix.multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse));
     const at = new Vector3();
-    return this.common.children.some(
+    const seen = this.common.children.filter(
       (thing) => thing.visible && this.#frustum.intersectsSphere(new Sphere(thing.getWorldPosition(at), REACH_M)),
     );
+    if (!seen.length) return "nothing";
+    return seen.every((thing) => thing.userData.moves) ? "people" : "things";
   }
 
   draw() {
