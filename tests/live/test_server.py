@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import socket
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import pytest
 from aiohttp import web
 from support.serving import run, serving
 
+from experiments.live import walkers
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
 from synchronizar.live import messages as m
@@ -179,9 +182,15 @@ async def forwarding(request: web.Request, ports: dict[str, int]) -> web.StreamR
         return near
 
 
-def test_rooms_of_two_servers_are_behind_one_address() -> None:
+def free_port() -> int:
+    with socket.socket() as asked:
+        asked.bind(("127.0.0.1", 0))
+        return int(asked.getsockname()[1])
+
+
+def test_rooms_of_two_servers_are_behind_one_address_and_one_goes_on_without_the_other() -> None:
     async def test() -> None:
-        ports: dict[str, int] = {}
+        ports = {"a": free_port(), "b": free_port()}
         proxy = web.Application()
 
         async def forward(request: web.Request) -> web.StreamResponse:
@@ -192,21 +201,27 @@ def test_rooms_of_two_servers_are_behind_one_address() -> None:
         await runner.setup()
         await web.TCPSite(runner, "127.0.0.1", 0).start()
         public = f"http://127.0.0.1:{runner.addresses[0][1]}"
-        async with (
-            serving(public_url=f"{public}/a") as (first, in_a),
-            serving(public_url=f"{public}/b/") as (second, in_b),
-        ):
-            ports |= {"a": first.port, "b": second.port}
+        with ExitStack() as second, ExitStack() as first:
+
+            def process(name: str, stack: ExitStack) -> str:
+                options = "--no-tls", "--port", str(ports[name]), "--public-url", f"{public}/{name}"
+                return str(stack.enter_context(walkers.server(*options))["join"])
+
+            in_a, in_b = process("a", first), process("b", second)
             async with aiohttp.ClientSession() as session:
                 asked = m.encode(m.Join(in_b.partition("#")[2]))
                 async with session.post(f"{public}/b/api/rooms", data=asked) as response:
                     opened = await response.json()
             assert opened["join"] == f"{public}/b/#{opened['room']}"
-            for address, room in ((in_a, first), (in_b, second), (opened["join"], second)):
+            for address in (in_a, in_b, opened["join"]):
                 async with await Client.join(address, ["alice"]) as alice:
                     assert alice.welcome.room == address.partition("#")[2]
-                    assert alice.welcome.room in room.lobby.rooms
-            assert len(second.lobby.rooms) == 2
+            with pytest.raises(InputError, match="no room with that code"):
+                await Client.join(in_a.replace("/a/", "/b/"), ["bob"])
+            async with await Client.join(in_b, ["bob"]) as bob:
+                first.close()
+                await bob.say_message(m.Create("coin", "coin", (1.0, 2.0, 0.0)))
+                await bob.until(lambda word: isinstance(word, m.Objects))
         await runner.cleanup()
 
     run(test)
