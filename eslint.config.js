@@ -2,7 +2,7 @@
 
 const browser = [
   ...["AbortController", "Blob", "CustomEvent", "Event", "EventTarget", "MessageChannel", "ResizeObserver", "TextDecoder"],
-  ...["TextEncoder", "URL", "WebSocket", "WebTransport", "addEventListener", "btoa", "clearInterval", "clearTimeout"],
+  ...["TextEncoder", "URL", "WebSocket", "WebTransport", "XRRigidTransform", "addEventListener", "btoa", "clearInterval", "clearTimeout"],
   ...["console", "crypto", "devicePixelRatio", "document", "fetch", "getComputedStyle", "globalThis", "innerHeight"],
   ...["innerWidth", "location", "matchMedia", "navigator", "performance", "queueMicrotask", "requestAnimationFrame"],
   ...["sessionStorage", "setInterval", "setTimeout", "localStorage", "AudioContext", "GainNode", "OscillatorNode"],

@@ -36,8 +36,9 @@ _PHONE = """
 (() => {
   const config = {
     name: "phone", controllerConfig: undefined, supportedSessionModes: ["inline", "immersive-ar"],
-    supportedFeatures: ["viewer", "local", "dom-overlay"], supportedFrameRates: [60], isSystemKeyboardSupported: false,
-    internalNominalFrameRate: 60, environmentBlendModes: { "immersive-ar": "alpha-blend" },
+    supportedFeatures: ["viewer", "local", "dom-overlay", "anchors"], supportedFrameRates: [60],
+    isSystemKeyboardSupported: false, internalNominalFrameRate: 60,
+    environmentBlendModes: { "immersive-ar": "alpha-blend" },
     interactionMode: "screen-space", userAgent: navigator.userAgent,
   };
   const options = { stereoEnabled: false, fovy: 1.1 };

@@ -36,6 +36,25 @@ LOG = """() => {
   }, 50);
 }"""
 
+# A hand that is `aside` (m) of where the only object is shown, and closes or opens there.
+HAND = """([kind, aside]) => {
+  const { client, stage } = synchronizar;
+  const [{ position: [x, y, z] }] = client.objects.values();
+  const m = stage.common.matrix.elements;
+  const [a, b, c] = [0, 1, 2].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]);
+  const local = stage.renderer.xr.getReferenceSpace();
+  const session = stage.renderer.xr.getSession();
+  globalThis.hand ??= {};
+  session.requestAnimationFrame(async (_, frame) => {
+    // The emulator's own offset spaces are wrong; an anchor's is right.
+    const there = await frame.createAnchor(new XRRigidTransform({ x: a + aside, y: b, z: c }), local);
+    hand.targetRaySpace = there.anchorSpace;
+    const say = (_, frame) => session.dispatchEvent(Object.assign(new Event(kind), { frame, inputSource: hand }));
+    if (kind) session.requestAnimationFrame(say);
+  });
+}"""
+HELD = f"[...synchronizar.client.objects.values()].find(({{ holder }}) => holder === '{PHONE}')"
+
 # However slow the machine is: as much as is judged.
 ENOUGH = "drawn.length > 60 && new Set(drawn.map(([name]) => name)).size === 2"
 
@@ -71,6 +90,24 @@ async def registered(page: Any) -> None:
         raise AssertionError(f"the phone is not registered: {known}") from None
 
 
+async def take_and_put_down(phone: Any) -> list[dict[str, Any]]:
+    """The marker as it stood, as it was carried half a metre, and as it was left."""
+    marker = "[...synchronizar.client.objects.values()][0]"
+    await browser.until(phone, "synchronizar.anchors.count > 0")
+    stages = [await browser.told(phone, marker)]
+    assert all(map(np.isfinite, await browser.told(phone, f"synchronizar.anchors.at({marker}.id)")))
+    await browser.until(phone, "synchronizar.frame.registered")
+    await phone.evaluate(HAND, ["squeezestart", 0.0])
+    await browser.until(phone, f"{HELD}?.velocity")
+    await phone.evaluate(HAND, ["", 0.5])
+    x, y, _ = stages[0]["position"]
+    await browser.until(phone, f"Math.hypot({HELD}.position[0] - {x}, {HELD}.position[1] - {y}) > 0.3")
+    stages.append(await browser.told(phone, HELD))
+    await phone.evaluate(HAND, ["squeezeend", 0.0])
+    await browser.until(phone, f"!{HELD}")
+    return [*stages, await browser.told(phone, marker)]
+
+
 async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]:
     from playwright.async_api import async_playwright
 
@@ -99,6 +136,7 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
         out["objects"] = await browser.told(phone, "[...synchronizar.client.objects.values()]")
         out["transport"] = await browser.told(phone, "synchronizar.client.transport")
         out["shown"] = await browser.told(phone, "[synchronizar.objects.ids, synchronizar.objects.waiting]")
+        out["held"] = await take_and_put_down(phone)
         stranger = await Client.join(where["join"], [HOSTILE])
         await browser.until(room, "synchronizar.model.users.size === 4")
         await asyncio.sleep(0.5)
@@ -127,7 +165,7 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
 
 
 def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_sees_all() -> None:
-    simulation = simulate(Scene(users=3, seconds=240.0, seed=5))
+    simulation = simulate(Scene(users=3, seconds=300.0, seed=5))
     with server() as where:
         out = asyncio.run(visit(simulation, where))
     assert out["complaints"] == []
@@ -144,6 +182,10 @@ def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_see
     qx, qy, _, _ = marker["quat_xyzw"]
     assert abs(qx) + abs(qy) < 0.01  # upright
     assert out["shown"] == [[marker["id"]], 0]
+    stood, carried, left = out["held"]
+    assert stood["holder"] is left["holder"] is left["velocity"] is None
+    assert carried["holder"] == PHONE
+    assert np.linalg.norm(np.subtract(left["position"], stood["position"])) > 0.3
     assert out["member"]["frame"] == 1
     assert out["left"]
 

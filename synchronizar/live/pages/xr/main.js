@@ -10,7 +10,9 @@ import { colourOf } from "../view/colours.js";
 import { addressOf, codeOf, recalled, remember, serverAddress, spelled } from "../visit.js";
 import { connection, metres } from "../words.js";
 import { canShowAr } from "./ability.js";
+import { Anchors } from "./anchors.js";
 import { Avatars } from "./avatars.js";
+import { Holding } from "./holding.js";
 import { Objects } from "./objects.js";
 import { Overlay } from "./overlay.js";
 import { OwnFrame } from "./own_frame.js";
@@ -64,10 +66,13 @@ class Visit {
   #client = new RoomClient({ server: serverAddress(), room: code, users: [{ name, up: "y" }], resume: resume ?? null });
   #frame = new OwnFrame(this.#client);
   #avatars = new Avatars(this.#client, this.#stage.common);
-  #objects = new Objects(this.#client, this.#stage.common, this.#stage.scene);
+  #holding = new Holding(this.#client);
+  #anchors = new Anchors(this.#session);
+  #objects = new Objects(this.#client, this.#stage.common, this.#stage.scene, this.#holding, this.#anchors);
   #overlay = new Overlay({ leave: () => this.end(true), mark: () => this.mark() });
   #app = null;
   #own = null;
+  #placing = null;
   #drawnAt = null;
   #timer = null;
 
@@ -78,6 +83,8 @@ class Visit {
       frame: this.#frame,
       avatars: this.#avatars,
       objects: this.#objects,
+      holding: this.#holding,
+      anchors: this.#anchors,
       stage: this.#stage,
       overlay: this.#overlay,
     };
@@ -154,7 +161,18 @@ class Visit {
     });
     session.addEventListener("selectstart", () => this.#app?.select?.start());
     session.addEventListener("selectend", () => this.#app?.select?.end());
+    // Where something is done in the room, what a finger does there is its own.
+    session.addEventListener("take", ({ detail }) => {
+      if (this.#app || !this.#placing || !this.#frame.registered) return;
+      this.#holding.take(detail.hand, detail, this.#placing);
+    });
+    session.addEventListener("hold", ({ detail }) => {
+      if (this.#placing) this.#holding.follow(detail.hand, detail, this.#placing, detail.t / 1000);
+    });
+    session.addEventListener("let", ({ detail }) => this.#holding.let(detail.hand));
     session.addEventListener("reset", () => {
+      this.#holding.letAll();
+      this.#anchors.clear();
       this.#frame.forget();
       this.#client.reset();
       this.#overlay.notice("The phone has begun anew to see where it is. Walk a few metres.");
@@ -186,10 +204,11 @@ class Visit {
     const dt = this.#drawnAt === null ? 0 : Math.min(0.2, Math.max(0, (time - this.#drawnAt) / 1000));
     this.#drawnAt = time;
     const placing = this.#frame.step(dt, this.#stage.inView);
+    this.#placing = placing;
     this.#stage.place(placing);
     const { roomTime } = this.#client;
     if (roomTime !== null) this.#avatars.update(roomTime, this.#frame.opacity);
-    this.#objects.update(dt, roomTime, this.#frame.opacity);
+    this.#objects.update(dt, roomTime, this.#frame.opacity, placing, this.#own?.position ?? [0, 0, 0]);
     this.#app?.update?.(dt, roomTime);
     this.#stage.draw();
   }

@@ -9,8 +9,9 @@ import {
   SphereGeometry,
 } from "../vendor/three/three.module.min.js";
 
-import { UPRIGHT_IN_Y_UP } from "../axes.js";
+import { UPRIGHT_IN_Y_UP, commonFromDevice, deviceFromCommon } from "../axes.js";
 import { colourOf } from "../view/colours.js";
+import { Anchored } from "./anchors.js";
 import { dispose, label } from "./label.js";
 
 const SHAPES = {
@@ -19,17 +20,23 @@ const SHAPES = {
 };
 const OTHER = new BoxGeometry(0.15, 0.15, 0.15);
 const FOLLOWING_S = 0.08;
+/** m: what has come so near to its place stands there. */
+const STANDS_M = 0.005;
 
 export class Objects {
   #client;
   #common;
   #own;
+  #holding;
+  #anchors;
   #shown = new Map();
   #left = new Set();
   #waiting = new Map();
 
   /** `common`: where the common frame is drawn; `own`: where the device's own is. */
-  constructor(client, common, own) {
+  constructor(client, common, own, holding, anchors) {
+    this.#holding = holding;
+    this.#anchors = anchors;
     this.#client = client;
     this.#common = common;
     this.#own = own;
@@ -64,19 +71,48 @@ export class Objects {
     this.#waiting.set(id, ghost);
   }
 
-  /** Goes on, `dt` s after the last time: what is held follows its holder, what flies flies. */
-  update(dt, roomTime, opacity) {
-    for (const { id, root, mesh, tag } of this.#shown.values()) {
-      const object = this.#client.objects.get(id);
+  /**
+   * Goes on, `dt` s after the last time: what is held follows its holder, what flies flies, what stands hangs on its
+   * anchor. `placing`: where the common frame is shown, or null; the device is `here` in its own frame.
+   */
+  update(dt, roomTime, opacity, placing, here) {
+    const standing = [];
+    for (const shown of this.#shown.values()) {
+      const object = this.#client.objects.get(shown.id);
       if (!object) continue;
+      shown.mesh.material.opacity = shown.tag.material.opacity = opacity;
+      if (this.#move(shown, object, dt, roomTime) && placing) standing.push([shown, ownOf(placing, object.position)]);
+    }
+    this.#anchors.update(standing.map(([{ id }, place]) => [id, place]), here);
+    for (const [{ id, root, anchored }, place] of standing) {
+      root.position.set(...commonFromDevice(placing, anchored.step(dt, place, this.#anchors.at(id))));
+    }
+  }
+
+  /** Whether it stands: else it is where it is now. */
+  #move(shown, object, dt, roomTime) {
+    const { id, root, mesh } = shown;
+    const held = this.#holding.poseOf(id);
+    if (held) {
+      root.position.set(...held.position);
+      mesh.quaternion.set(...held.quat_xyzw);
+    } else {
       const ahead = object.velocity && roomTime !== null ? Math.min(1, Math.max(0, roomTime - object.t)) : 0;
       const goal = object.position.map((v, i) => v + ahead * (object.velocity?.[i] ?? 0));
       const share = 1 - Math.exp(-dt / FOLLOWING_S);
       const here = root.position.toArray();
       root.position.set(...here.map((v, i) => v + share * (goal[i] - v)));
       mesh.quaternion.set(...object.quat_xyzw);
-      mesh.material.opacity = tag.material.opacity = opacity;
     }
+    const moves = held !== null || object.holder !== null || object.velocity !== null;
+    const far = Math.hypot(...root.position.toArray().map((v, i) => v - object.position[i])) > STANDS_M;
+    if (moves || (far && shown.anchored === null)) {
+      this.#anchors.drop(id);
+      shown.anchored = null;
+      return false;
+    }
+    shown.anchored ??= new Anchored();
+    return true;
   }
 
   #take() {
@@ -101,7 +137,7 @@ export class Objects {
     root.position.set(...position);
     root.add(mesh, tag);
     this.#common.add(root);
-    this.#shown.set(id, { id, root, mesh, tag });
+    this.#shown.set(id, { id, root, mesh, tag, anchored: null });
     const ghost = this.#waiting.get(id);
     if (ghost) {
       this.#own.remove(ghost);
@@ -109,6 +145,12 @@ export class Objects {
       this.#waiting.delete(id);
     }
   }
+}
+
+/** A place of the common frame, in the device's own (y up). */
+function ownOf(placing, [x, y, z]) {
+  const m = deviceFromCommon(placing, "y");
+  return [0, 1, 2].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]);
 }
 
 function shape(kind, colour) {

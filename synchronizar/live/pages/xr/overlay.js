@@ -16,6 +16,8 @@ export class Overlay {
     // In place of an earlier visit's.
     byId("leave").onclick = actions.leave;
     byId("mark").onclick = actions.mark;
+    // A finger on a button takes hold of nothing behind it.
+    for (const button of [byId("leave"), byId("mark")]) button.onbeforexrselect = (event) => event.preventDefault();
   }
 
   show(shown) {

@@ -1,4 +1,4 @@
-/** An AR session: its start, its poses, and what its SLAM says of itself. */
+/** An AR session: its start, its poses, its hands and anchors, and what its SLAM says of itself. */
 
 /** s without a pose after which SLAM is taken to have lost track. */
 const LOST_S = 0.5;
@@ -11,6 +11,10 @@ export class ArSession extends EventTarget {
   #seenAt = null;
   #sentAt = -Infinity;
   #lost = false;
+  #hands = new Set();
+  #asked = [];
+  #anchors = new Set();
+  #canAnchor = true;
 
   /** Whether it runs. */
   get running() {
@@ -20,12 +24,14 @@ export class ArSession extends EventTarget {
   /**
    * Ask for a session, from within a click. `overlay`: an element that stays on top where the browser can do that.
    * Throws what the browser throws. Events: `pose` ({t, position, quat_xyzw}: axes of WebXR, t in ms by the page's
-   * clock), `reset` (another frame from now on), `lost`, `found`, `selectstart`, `selectend`, `end`.
+   * clock), `reset` (another frame from now on), `lost`, `found`, `selectstart`, `selectend`, `end`; and of hands, which
+   * are fingers on the screen and controllers, `take`, `hold` with each frame, and `let` ({hand, t, position, quat_xyzw}:
+   * of its ray, along its -z).
    */
   async start(renderer, overlay, draw) {
     const session = await navigator.xr.requestSession("immersive-ar", {
       requiredFeatures: ["local"],
-      optionalFeatures: ["dom-overlay"],
+      optionalFeatures: ["dom-overlay", "anchors"],
       domOverlay: { root: overlay },
     });
     this.#session = session;
@@ -33,7 +39,18 @@ export class ArSession extends EventTarget {
     for (const type of ["selectstart", "selectend"]) {
       session.addEventListener(type, () => this.dispatchEvent(new CustomEvent(type)));
     }
+    for (const kind of ["select", "squeeze"]) {
+      session.addEventListener(`${kind}start`, ({ frame, inputSource }) => {
+        if (!frame || !inputSource) return;
+        this.#hands.add(inputSource);
+        this.#hand("take", frame, inputSource);
+      });
+      session.addEventListener(`${kind}end`, ({ inputSource }) => this.#open(inputSource));
+    }
     session.addEventListener("end", () => {
+      for (const hand of this.#hands) this.#open(hand);
+      for (const { resolve } of this.#asked.splice(0)) resolve(null);
+      this.#anchors.clear();
       renderer.setAnimationLoop(null);
       this.#session = this.#space = null;
       this.dispatchEvent(new CustomEvent("end"));
@@ -45,12 +62,66 @@ export class ArSession extends EventTarget {
       // three.js may keep the page's own loop going beside the session's; that one has no frame.
       if (!frame) return;
       this.#pose(time, frame);
+      this.#follow(frame);
+      for (const hand of this.#hands) this.#hand("hold", frame, hand, time);
       draw(time);
     });
   }
 
   end() {
     return this.#session?.end();
+  }
+
+  /**
+   * An anchor at a place of the device's own frame: {position, end}, `position` kept up, null while SLAM does not see it.
+   * Null where the device has no anchors.
+   */
+  anchorAt(position) {
+    if (!this.running || !this.#canAnchor) return Promise.resolve(null);
+    return new Promise((resolve) => this.#asked.push({ position, resolve }));
+  }
+
+  /** Anchors are made within a frame, and asked with each where they are. */
+  #follow(frame) {
+    this.#canAnchor &&= typeof frame.createAnchor === "function";
+    for (const { position, resolve } of this.#asked.splice(0)) {
+      if (this.#canAnchor) this.#anchor(frame, position).then(resolve);
+      else resolve(null);
+    }
+    for (const anchor of this.#anchors) {
+      const p = frame.getPose(anchor.space, this.#space)?.transform.position;
+      anchor.position = p ? [p.x, p.y, p.z] : null;
+    }
+  }
+
+  async #anchor(frame, [x, y, z]) {
+    try {
+      const made = await frame.createAnchor(new XRRigidTransform({ x, y, z }), this.#space);
+      const anchor = { space: made.anchorSpace, position: null };
+      anchor.end = () => {
+        this.#anchors.delete(anchor);
+        made.delete();
+      };
+      this.#anchors.add(anchor);
+      return anchor;
+    } catch (error) {
+      // Without the feature it is never given one; at another time SLAM may just not see the place.
+      if (error.name === "NotSupportedError") this.#canAnchor = false;
+      return null;
+    }
+  }
+
+  #hand(type, frame, hand, t = performance.now()) {
+    const pose = frame.getPose(hand.targetRaySpace, this.#space);
+    if (!pose) return;
+    const { position: p, orientation: q } = pose.transform;
+    const detail = { hand, t, position: [p.x, p.y, p.z], quat_xyzw: [q.x, q.y, q.z, q.w] };
+    this.dispatchEvent(new CustomEvent(type, { detail }));
+  }
+
+  #open(hand) {
+    this.#hands.delete(hand);
+    this.dispatchEvent(new CustomEvent("let", { detail: { hand } }));
   }
 
   #pose(time, frame) {
