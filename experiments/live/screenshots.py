@@ -120,7 +120,7 @@ async def _stand_where_most_are_seen(phone: Page) -> None:
         if (!synchronizar.objects.ids.length) return;
         clearInterval(still);
         setTimeout(() => {
-          const placing = frame.step(0, true);
+          const placing = frame.step(0, "things");
           frame.step = () => placing;
           avatars.update = synchronizar.objects.update = synchronizar.overlay.update = () => {};
           phone.still = true;
