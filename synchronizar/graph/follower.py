@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from synchronizar.arrays import Array
 from synchronizar.graph import keys
@@ -35,6 +37,9 @@ _RECENT = 12  # slots
 _OLDER = 2.0  # times the thresholds: how far estimates of older slots may be from where they were linearised
 _CLIQUE_SLOTS = 2  # before a slot, that its cliques may hold variables of
 _WHOLE = 0.5  # of all variables: gtsam orders all where it eliminates more than 0.65 of them
+_DIMENSIONS = {"x": 3, "h": 1, "d": 3}
+_KeyArray = NDArray[np.int64]
+_ANYWHERE = (gtsam.Pose2(), 0.0, np.zeros(3))
 _MOST_SLOTS = 4096  # whose keys are remembered
 
 
@@ -55,16 +60,16 @@ class LinearRows(NamedTuple):
     keys: list[int]
     rows: Array
     """(m, n + 1): columns of each variable in turn, then the right side."""
-    point: list[Array]
-    """Of each variable, where its tangents are taken: x, y, yaw of a pose."""
+    point: Array
+    """Of each variable in turn, where its tangents are taken: x, y, yaw of a pose."""
 
 
 class FollowerState(NamedTuple):
     """All that a `Follower` needs to go on as it would have, but for the factors that are known from elsewhere."""
 
     slots: dict[int, list[int]]
-    point: list[tuple[list[int], list[Array]]]
-    """Keys and values: where the tree is linearised; then of what no update has seen yet."""
+    point: list[tuple[_KeyArray, Array]]
+    """Keys, and their values one after the other: where the tree is linearised; then of what no update has seen yet."""
     names: list[tuple[Hashable, bool]]
     """Of all factors, and whether the tree has them already."""
     linear: dict[Hashable, LinearRows]
@@ -85,6 +90,20 @@ class _Placed(NamedTuple):
     """Where it was linearised, if it is linear."""
 
 
+class _Tie(NamedTuple):
+    """The name of what ties a slot to the next."""
+
+    slot: int
+
+
+class _Pair(NamedTuple):
+    """Users of a slot, and of the next one."""
+
+    users: tuple[int, ...]
+    after: int
+    others: tuple[int, ...]
+
+
 class Follower:
     """A graph whose factors have names, and its iSAM2 tree."""
 
@@ -97,6 +116,7 @@ class Follower:
         self._touched: int | None = None
         self._left = 0  # users who were taken out, ever
         self._fixed: set[int] = set()  # variables that a marginal ties: they stay linearised where they are
+        self._tied: dict[int, _Pair] = {}
         self._ordered: tuple[list[tuple[int, tuple[int, ...]]], gtsam.KeyGroupMap] | None = None
         self._tree, self._at = _tree()
 
@@ -111,8 +131,8 @@ class Follower:
         return name in self._factors
 
     def names(self) -> Iterable[Hashable]:
-        """Of all factors."""
-        return self._factors.keys()
+        """Of all factors that were put."""
+        return (name for name in self._factors if not isinstance(name, _Tie))
 
     def insert(self, user: int, slot: int, state: SlotState) -> None:
         """A new user of a slot, where the next update begins. Factors must follow before that."""
@@ -140,6 +160,7 @@ class Follower:
         Only estimates of these slots, `among` all, are linearised anew where they need it. Raises RuntimeError where a
         variable is seen by no factor.
         """
+        self._tie()
         stale = self._stale(among)
         first = min((s for s in (stale, self._touched) if s is not None), default=None)
         if first is None:
@@ -167,6 +188,18 @@ class Follower:
             self._factors[name] = self._factors[name]._replace(position=index)
         self._new, self._dropped, self._inserted, self._touched = {}, [], gtsam.Values(), None
         self._at = self._tree.getLinearizationPoint()
+
+    def _tie(self) -> None:
+        """Factors that say nothing, between all of each slot and all of the next: so a slot is one clique of the tree.
+
+        Steps tie each user to itself. Eliminated one after the other, users would be a clique each, and each clique
+        keeps what it tells all others, which is as large as that of all together.
+        """
+        for (slot, users), (after, others) in pairwise(self._slots.items()):
+            pair = _Pair(tuple(users), after, tuple(others))
+            if self._tied.get(slot) != pair:
+                self._tied[slot] = pair
+                self.put(_Tie(slot), _tying(slot, pair), slot)
 
     def _keys_of(self, slots: Iterable[int]) -> list[int]:
         """All variables of slots."""
@@ -267,6 +300,9 @@ class Follower:
     def drop_user(self, user: int) -> None:
         """Take a user's variables out; its ranges must be gone already, its priors are marginalised. Then `rebuild`."""
         own = {key for slot, users in self._slots.items() if user in users for key in _keys((user,), slot)}
+        for slot in self._tied:
+            self.drop(_Tie(slot))
+        self._tied.clear()
         values = self.estimates()
         linear = gtsam.GaussianFactorGraph()
         for name, (factor, _, _) in list(self._factors.items()):
@@ -312,6 +348,7 @@ class Follower:
             self._fixed.update(placed.factor.keys())
         for slot in leaves:
             del self._slots[slot]
+            self._tied.pop(slot, None)
         self._fixed.difference_update(marginal)
 
     # What it tells
@@ -353,11 +390,12 @@ class Follower:
         point = []
         for values in (at, self._inserted):
             listed = list(values.keys())
-            point.append((listed, [_value(values, key) for key in listed]))
+            numbers: Array = np.concatenate([np.zeros(0), *(_value(values, key) for key in listed)])
+            point.append((np.array(listed, dtype=np.int64), numbers))
         return FollowerState(
             {slot: list(users) for slot, users in self._slots.items()},
             point,
-            [(name, placed.position is not None) for name, placed in self._factors.items()],
+            [(name, self._factors[name].position is not None) for name in self.names()],
             linear,
             [_rows(factor, {key: _value(at, key) for key in factor.keys()}) for factor in dropped],  # noqa: SIM118
             sorted(self._fixed),
@@ -373,7 +411,7 @@ class Follower:
         """
         out = cls()
         out._slots = {slot: list(users) for slot, users in state.slots.items()}
-        at, out._inserted = (_values(dict(zip(*part, strict=True))) for part in state.point)
+        at, out._inserted = (_values(_by_key(*part)) for part in state.point)
         graph = gtsam.NonlinearFactorGraph()
         for rows in state.dropped:
             graph.push_back(_of_rows(rows).factor)
@@ -386,6 +424,12 @@ class Follower:
             else:
                 out._new[name] = None
             out._factors[name] = placed
+        for (slot, users), (after, others) in pairwise(out._slots.items()):
+            there = [[u for u in of if at.exists(keys.slot_pose(u, n))] for n, of in ((slot, users), (after, others))]
+            if all(there):
+                out._tied[slot] = pair = _Pair(tuple(there[0]), after, tuple(there[1]))
+                out._factors[_Tie(slot)] = tie = _Placed(_tying(slot, pair), graph.size())
+                graph.push_back(tie.factor)
         order, params = gtsam.KeyGroupMap(), gtsam.ISAM2UpdateParams()
         for group, (slot, users) in enumerate(out._slots.items()):
             for key in _keys(tuple(users), slot):
@@ -407,6 +451,25 @@ def _keys(users: tuple[int, ...], slot: int) -> tuple[int, ...]:
         for u in users
         for key in (keys.slot_pose(u, slot), keys.slot_height(u, slot), keys.slot_calibration(u, slot))
     )
+
+
+def _tying(slot: int, pair: _Pair) -> gtsam.LinearContainerFactor:
+    """A factor of no rows."""
+    users, after, others = pair
+    of = [*_keys(users, slot), *_keys(others, after)]
+    none = [np.zeros((0, _DIMENSIONS[symbol])) for symbol in "xhd"]
+
+    def error(_: gtsam.CustomFactor, __: gtsam.Values, jacobians: list[Array] | None) -> Array:
+        if jacobians is not None:
+            for n in range(len(of)):
+                jacobians[n] = none[n % _VARIABLES]
+        return np.zeros(0)
+
+    anywhere = gtsam.Values()
+    for n, key in enumerate(of):
+        anywhere.insert(key, _ANYWHERE[n % _VARIABLES])
+    custom = gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(0), of, error)
+    return gtsam.LinearContainerFactor(custom.linearize(anywhere))
 
 
 def _key_list(of: Iterable[int]) -> gtsam.KeyList:
@@ -431,6 +494,14 @@ def _value(values: gtsam.Values, key: int) -> Array:
     return np.array([values.atDouble(key)]) if symbol == "h" else np.array(values.atVector(key))
 
 
+def _by_key(listed: _KeyArray, numbers: Array) -> dict[int, Array]:
+    """Values one after the other. ValueError where there are not as many as the keys say."""
+    sizes = [_DIMENSIONS[chr(gtsam.symbolChr(key))] for key in listed.tolist()]
+    if sum(sizes) != len(numbers):
+        raise ValueError("so many numbers are not these variables'")
+    return dict(zip(listed.tolist(), np.split(numbers, np.cumsum(sizes)[:-1]), strict=True)) if sizes else {}
+
+
 def _values(of: Mapping[int, Array]) -> gtsam.Values:
     """Variables from their numbers."""
     out = gtsam.Values()
@@ -445,7 +516,7 @@ def _rows(factor: gtsam.NonlinearFactor, point: Mapping[int, Array]) -> LinearRo
     linear = factor.linearize(_values(point))
     matrix, right = linear.jacobian()
     listed = list(linear.keys())
-    return LinearRows(listed, np.column_stack([matrix, right]), [point[key] for key in listed])
+    return LinearRows(listed, np.column_stack([matrix, right]), np.concatenate([point[key] for key in listed]))
 
 
 def _of_rows(of: LinearRows) -> _Placed:
@@ -458,7 +529,7 @@ def _of_rows(of: LinearRows) -> _Placed:
                 jacobians[n] = of.rows[:, span].copy()
         return np.asarray(-of.rows[:, -1])
 
-    values = _values(dict(zip(of.keys, of.point, strict=True)))
+    values = _values(_by_key(np.array(of.keys, dtype=np.int64), of.point))
     custom = gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(len(of.rows)), of.keys, error)
     return _linear(custom.linearize(values), values, None)
 

@@ -365,6 +365,14 @@ def test_nothing_is_out_of_order_where_nothing_is_forgotten(users: int) -> None:
 # To and from plain arrays
 
 
+def test_a_slot_is_one_clique_however_many_users_it_has() -> None:
+    """One for each user would keep as much as all together, each: the cube of how many they are."""
+    out, _ = follow(Walk(8), 12, 6)
+    assert len(cliques(out)) <= len(out.slots)
+    for frontal, separator in cliques(out):
+        assert not set(frontal) & set(separator)
+
+
 @pytest.mark.parametrize("window", [None, 4])
 def test_what_is_taken_to_arrays_and_back_goes_on_the_same(window: int | None) -> None:
     """A factor that was put and not taken in yet, and the one it replaces, are not forgotten either."""

@@ -7,7 +7,7 @@ by more than noise. So many too short ones, or next to nothing but misfits, have
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
