@@ -66,16 +66,16 @@ class Following:
             tracking.add(self._log.to_follow(rows[followed[i] & followed[j]]))
         try:
             tracking.advance(self._roster.now, self._roster.doubted())
-            self._look()
+            self._look(self.members)
         except RuntimeError:  # gtsam: the graph is singular, which no prior lets happen; all are looked for anew
             self.give_up()
             return
         self.contradictions.add(tracking.take_innovations(self.spread), self._roster.now)
         self.place_members()
 
-    def _look(self) -> None:
-        """What the graph tells of all members. Raises RuntimeError where it is singular."""
-        self.members = Members(self.tracking, self._roster.reference, self.shift)
+    def _look(self, before: Members | None = None) -> None:
+        """What the graph tells of all members; `before`: what it told last. Raises RuntimeError if it is singular."""
+        self.members = Members(self.tracking, self._roster.reference, self.shift, before)
 
     def place_members(self) -> None:
         """Everybody who is followed is where the graph has it."""

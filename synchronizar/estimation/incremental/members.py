@@ -47,15 +47,27 @@ class _One:
         return np.array([priors.place_sigma**2, priors.place_sigma**2, height, priors.yaw_sigma**2])
 
 
+_MANY = 12
+"""Members of whom more are asked once a slot for their joint covariance: it costs the cube of how many there are."""
+
+
 class Members:
     """What the graph tells of all members at one moment."""
 
-    def __init__(self, tracking: Tracking, reference: int, shift: Array) -> None:
-        """`shift` (3,) m: where the graph's origin lies in the common frame."""
+    def __init__(self, tracking: Tracking, reference: int, shift: Array, before: Members | None = None) -> None:
+        """`shift` (3,) m: where the graph's origin lies in the common frame.
+
+        `before`: what it told last. Of many at the same slots as then it tells the same covariance, which ranges have
+        made a little smaller since.
+        """
         self.tracking, self.reference, self._shift = tracking, reference, shift
+        self._joint: Array
         self.order = sorted(tracking.members)
         self._row = {u: n for n, u in enumerate(self.order)}
-        at = [(u, tracking.members[u].slot) for u in self.order]
+        at = self._at = [(u, tracking.members[u].slot) for u in self.order]
+        if before is not None and len(at) > _MANY and before._at == at:
+            self._joint = before._joint
+            return
         size = len(self.order)
         yaw = np.array([tracking.members[u].state[2] for u in self.order])
         turn = _order(size).copy()
@@ -63,7 +75,7 @@ class Members:
         turn[x, x] = turn[x + 1, x + 1] = np.cos(yaw)
         turn[x + 1, x] = np.sin(yaw)
         turn[x, x + 1] = -turn[x + 1, x]
-        joint = turn @ tracking.follower.covariance(at) @ turn.T
+        joint: Array = turn @ tracking.follower.covariance(at) @ turn.T
         self._joint = joint.reshape(size, _TANGENT, size, _TANGENT)
 
     def frame(self, user: int) -> Array:

@@ -12,6 +12,7 @@ from synchronizar.estimation.incremental.roster import Roster
 
 _FIRST_SEARCH = 1.0  # s after the first range
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
+_MANY = 12  # members among whom one is proven by a window: a longer one would be searched for too long
 _LEAST_PROGRESS = 0.01  # less is not told from none
 
 
@@ -80,7 +81,9 @@ class Schedule:
         """s: the earliest moment that following and searches still need."""
         m, roster = self._roster.parameters, self._roster
         begin = roster.now - m.incremental.window
-        since = [roster.standings[u].since for u in self.sought()]
-        known = any(roster.standings[u].proven for u in self._following.tracking.members)
+        sought, members = [roster.standings[u] for u in self.sought()], self._following.tracking.members
+        if len(members) > _MANY:
+            sought = [standing for standing in sought if not standing.is_registered]
+        known = len(members) > _MANY or any(roster.standings[u].proven for u in members)
         longest = 2.0 * m.incremental.window if known else m.search.first_stretch
-        return min([begin, *(max(s, roster.now - longest) for s in since if s is not None)])
+        return min([begin, *(max(s.since, roster.now - longest) for s in sought if s.since is not None)])

@@ -124,3 +124,25 @@ def test_who_is_known_well_beside_the_gauge_is_registered(sigma: float, state: S
     assert verdict.state is state
     assert (near == 1.0) == (state is State.REGISTERED)
     np.testing.assert_allclose(found.frames[1], frames_of(states_of(6))[1])
+
+
+def crowd(count: int, slot: int, asked: list[int]) -> Any:
+    """So many who are followed, all at one slot; `asked` hears how many are asked about."""
+
+    def covariance(at: list[tuple[int, int]]) -> Array:
+        asked.append(len(at))
+        return np.eye(7 * len(at))
+
+    return SimpleNamespace(
+        members={u: Tracked(slot, float(slot), np.zeros(3), np.zeros(7)) for u in range(count)},
+        follower=SimpleNamespace(covariance=covariance),
+    )
+
+
+@pytest.mark.parametrize(("count", "expected"), [(4, [4, 4, 4]), (32, [32, 32])])
+def test_of_many_the_joint_covariance_is_asked_once_a_slot(count: int, expected: list[int]) -> None:
+    asked: list[int] = []
+    before = None
+    for slot in (5, 5, 6):
+        before = Members(crowd(count, slot, asked), 0, np.zeros(3), before)
+    assert asked == expected
