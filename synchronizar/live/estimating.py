@@ -43,6 +43,8 @@ from synchronizar.live.solver_wire import (
 
 _MOST_TOLD = 20
 """Refusals that are told with one answer."""
+_NICE = 3
+"""The server comes first where all cores are busy, and searches come after this process."""
 _DECIMALS = 9
 """Nanometres, of matrices that go to everybody ten times a second: further digits are half of the bytes."""
 
@@ -205,6 +207,7 @@ def _read(commands: BinaryIO) -> Any:
 
 
 if __name__ == "__main__":
+    os.nice(_NICE)
     gc.freeze()  # what was imported is never garbage: looking through it takes 40 ms whenever the oldest are looked at
     answers = sys.stdout.buffer
     sys.stdout = sys.stderr  # whatever else is printed must not come among the answers

@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from synchronizar.live.pacing import Pacing
 from synchronizar.live.restarts import TOLD_FROM_S, Restarts
 from synchronizar.live.solver_wire import (
     LENGTH,
@@ -92,6 +93,7 @@ class SolverProcess:
         self._spared = None if begin.workers == 0 else Sparing()
         """Nothing is left out where the answer must not hang on how fast things come."""
         self._heard_of: float | None = None
+        self._pacing = Pacing()
         self._serial = 0
         self._pending: list[Command] = []
         self._kept: deque[Block] = deque()
@@ -129,11 +131,11 @@ class SolverProcess:
             self._pending = _without_measured(self._pending)  # it has said nothing for a minute or so
 
     def advance(self, t: float) -> None:
-        """Ask what is known at `t`. One that is behind is not asked until it has answered, unless time is recorded."""
+        """Ask what is known at `t`. One that is behind, or busy, is asked less often, unless time is recorded."""
         if self._spared is not None:
             if self._spared.update(t, 0.0 if self._heard_of is None else t - self._heard_of):
                 self._event(_sparing(self._spared.step))
-            if len(self._unanswered) >= _MOST_UNANSWERED:
+            if len(self._unanswered) >= _MOST_UNANSWERED or not self._pacing.is_due(t):
                 return
         self._pending.append(Advance(t))
         self._unanswered.append(self._serial + 1)
@@ -235,6 +237,7 @@ class SolverProcess:
         match reply:
             case Told():
                 self._heard_of = reply.t
+                self._pacing.answered(reply.seconds)
                 if reply.serial >= self._news_from and self._restarts.works() and self.trouble is not None:
                     self.trouble = None
                     self._event("the solver works again")

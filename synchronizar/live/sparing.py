@@ -1,18 +1,18 @@
 """What a solver is spared: most of what devices say so often.
 
 Ranges of a pair that follow one another closely tell much the same: their errors are alike. A walk between two poses is
-nearly straight. So no more than a thousand ranges a second go to it, of each pair as many; and of a solver that falls
-behind each device and pair is told less often the further it is, until it has kept up for a while. The recording has
-all of it.
+nearly straight. So no more than a thousand ranges and a thousand poses a second go to it, of each pair and each device
+as many; and of a solver that falls behind each device and pair is told less often the further it is, until it has kept
+up for a while. The recording has all of it.
 """
 
 from __future__ import annotations
 
 from synchronizar.live.solver_wire import Command, Pose, Range
 
-MOST_RANGES = 1000
-"""A second, of all pairs."""
-BEHIND_S, UP_S = 1.5, 0.5
+MOST_RANGES, MOST_POSES = 1000, 1000
+"""A second, of all pairs and of all devices."""
+BEHIND_S, UP_S = 1.5, 1.0
 """s behind from which more is spared, and below which less is."""
 MORE_EVERY, LESS_EVERY = 2.0, 10.0
 """s for which that has to last for each such step."""
@@ -30,7 +30,7 @@ class Sparing:
         self._late_since: float | None = None
         self._up_since: float | None = None
         self._last: dict[str | tuple[str, str], float] = {}
-        self._pairs = 0
+        self._pairs = self._devices = 0
 
     def update(self, t: float, behind: float) -> bool:
         """It is `t`, and the solver is so far behind; whether another share is spared from now on."""
@@ -47,7 +47,8 @@ class Sparing:
         """Whether it goes to the solver."""
         match command:
             case Pose(user=user):
-                return self._is_due(user, command.t, POSES_S[self.step])
+                self._devices += user not in self._last
+                return self._is_due(user, command.t, max(self._devices / MOST_POSES, POSES_S[self.step]))
             case Range(a=a, b=b):
                 pair = min(a, b), max(a, b)
                 self._pairs += pair not in self._last

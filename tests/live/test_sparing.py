@@ -31,6 +31,12 @@ def test_of_many_pairs_no_more_than_a_thousand_ranges_a_second_are_told() -> Non
     assert 0.8 * 10_000 < told <= 10_000 + len(pairs)
 
 
+def test_of_many_devices_no_more_than_a_thousand_poses_a_second_are_told() -> None:
+    sparing = Sparing()
+    poses = [Pose(f"device{k:02d}", n / 60.0, (0.0, 0.0, 0.0), NO_TURN) for n in range(600) for k in range(32)]
+    assert 0.8 * 10_000 < sum(map(sparing.takes, poses)) <= 10_000 + 32
+
+
 def test_who_falls_behind_is_told_less_step_by_step_and_everything_again_when_it_has_kept_up_for_a_while() -> None:
     sparing, t, counts = Sparing(), 0.0, []
     sparing.update(t, 5.0)

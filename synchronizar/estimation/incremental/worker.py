@@ -10,10 +10,14 @@ from threading import Thread
 
 from synchronizar.estimation.incremental.search import search
 
+_NICE = 5
+"""Whoever waits for updates comes first where all cores are busy."""
+
 
 def serve() -> None:
     """Search until there are no more snapshots, or whoever asks has ended."""
     Thread(target=_end_after, args=(os.getppid(),), daemon=True).start()
+    os.nice(_NICE)
     snapshots, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr  # whatever else is printed must not come among the answers
     while True:
