@@ -1,6 +1,6 @@
 """A room with as many devices as it holds: how late the server is, what arrives and how soon, what it holds of memory.
 
-`python -m experiments.live.load [--devices 32] [--minutes 10] [--air 11] [--generators 2] [--seed 0] [--grow]`: native
+`python -m experiments.live.load [--devices 32] [--minutes 10] [--air 11] [--generators 2] [--grow]`: native
 clients in processes of their own, each device with poses 60 times a second, walking loops in SLAM that drifts not at
 all; ranges of `--air` devices by their modules' firmware in the live air (as often as that ranges), of the others by
 datagrams of a module of theirs, encoded as on the wire, whose truth is the same walk: each ranges to its five
@@ -9,9 +9,10 @@ the first one to everybody.
 
 Told are the server's own word of how late its loop is (p50 and p99 of the last minute, the worst minute); the time from
 a pose's stamp to its arrival at another client, p50 and p99 over everybody's poses at everybody; words that were lost;
-how far the solver is behind, median and most; resident memory (MB) of the server and of its solver after the first
-minute and at the end; CPU (cores) of the server, of solver and search, and of what makes the load; how many are
-registered at the end. `--grow`: 32, 48, 64, ... devices, a shorter time each, 64 to a room, until a bar breaks: loop
+how far the solver is behind, median, p99 and most; resident memory (MB) of the server and of solvers after the first
+minute and at the end; CPU (cores) of the server, of solvers and of searches; how many are registered at the end.
+Besides, each `--every` s: memory of each kind of process, how many are registered, and how far the solver is behind.
+`--grow`: 32, 48, 64, ... devices, a shorter time each, 64 to a room, until a bar breaks: loop
 p99 20 ms, poses p99 60 ms, nothing lost.
 """
 
@@ -31,6 +32,7 @@ from contextlib import AsyncExitStack, ExitStack, suppress
 from functools import cache, partial
 from itertools import pairwise
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -38,7 +40,7 @@ import aiohttp
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.common.cpu import Usage, usage_of
+from experiments.common.cpu import Usage, processes_below, usage_of
 from experiments.common.markdown import markdown
 from experiments.common.results import write_table
 from synchronizar.arrays import Array
@@ -95,13 +97,23 @@ class Heard(NamedTuple):
     datagrams: int
 
 
+class Moment(NamedTuple):
+    """What was seen at a moment, s since the beginning."""
+
+    t: float
+    server: Usage
+    solvers: Usage
+    searches: Usage
+    behind: float
+    """s: of the solver that is furthest behind."""
+    registered: int
+
+
 class Load(NamedTuple):
     """One session."""
 
     lag: list[m.Lag]
-    behind: list[float]
-    usage: list[tuple[float, Usage, Usage]]
-    """s since the beginning; of the server alone, of what it started."""
+    seen: list[Moment]
     heard: list[Heard]
     registered: int
     refused: dict[str, int]
@@ -260,10 +272,11 @@ async def _listen(client: Client, task: Task, delays: Counts, words: defaultdict
         match message:
             case PosesDown():
                 now = time.time()
-                if client.offset is not None and judged < now < task.begin + task.seconds - QUIET_S:
+                offset = client.offset
+                if offset is not None and judged < now < task.begin + task.seconds - QUIET_S:
                     # The room's clock is not quite this one's: its stamps are taken back by what pings say.
                     late = [
-                        1000.0 * (now + client.offset - message.t + pose.age)
+                        1000.0 * (now + offset - message.t + pose.age)
                         for pose in message.poses
                         if pose.member != indices.get(own)
                     ]
@@ -276,12 +289,12 @@ async def _listen(client: Client, task: Task, delays: Counts, words: defaultdict
                 pass
 
 
-def run(devices: int, seconds: float, air: int, generators: int, seed: int) -> Load:
+def run(devices: int, seconds: float, air: int, generators: int, seed: int, told_every: float = 60.0) -> Load:
     """A session: a server, and devices in rooms of 64 at most."""
-    return asyncio.run(_run(devices, seconds, air, generators, seed))
+    return asyncio.run(_run(devices, seconds, air, generators, seed, told_every))
 
 
-async def _run(devices: int, seconds: float, air: int, generators: int, seed: int) -> Load:
+async def _run(devices: int, seconds: float, air: int, generators: int, seed: int, told_every: float) -> Load:
     command = (sys.executable, "-m", "synchronizar", "serve", "--json", "--no-tls", "--host", "127.0.0.1")
     with tempfile.TemporaryDirectory() as folder:
         words = ("--port", "0", "--udp-port", "0", "--keep-awake", "--record", folder)
@@ -289,7 +302,7 @@ async def _run(devices: int, seconds: float, air: int, generators: int, seed: in
         try:
             assert server.stdout is not None
             where = json.loads(await server.stdout.readline())
-            return await _in_rooms(server.pid, where, devices, seconds, air, generators, seed)
+            return await _in_rooms(server.pid, where, devices, seconds, air, generators, seed, told_every)
         finally:
             with suppress(ProcessLookupError):
                 server.terminate()
@@ -297,7 +310,14 @@ async def _run(devices: int, seconds: float, air: int, generators: int, seed: in
 
 
 async def _in_rooms(
-    server: int, where: dict[str, Any], devices: int, seconds: float, air: int, generators: int, seed: int
+    server: int,
+    where: dict[str, Any],
+    devices: int,
+    seconds: float,
+    air: int,
+    generators: int,
+    seed: int,
+    told_every: float,
 ) -> Load:
     joins = [where["join"]]
     rooms = -(-devices // MOST_IN_A_ROOM)
@@ -321,7 +341,7 @@ async def _in_rooms(
             for share in shares
             if share
         ]
-    lag, behind, usage = [], [], []
+    lag, seen = [], []
     loop = asyncio.get_running_loop()
     with ProcessPoolExecutor(len(tasks), get_context("spawn")) as pool:
         running = [loop.run_in_executor(pool, partial(generate, task)) for task in tasks]
@@ -335,8 +355,11 @@ async def _in_rooms(
                         now > min(60.0 + SETTLED_S, 0.5 * seconds) and message.lag is not None
                     ):  # joining is of no minute that counts
                         lag.append(message.lag)
-                        behind.append(max(w.status.behind for w in watching if w.status is not None))
-                    usage.append((now, *usage_of(server)))
+                    behind = max((w.status.behind for w in watching if w.status is not None), default=0.0)
+                    states = [user.state for watcher in watching for user in watcher.frames.users.values()]
+                    seen.append(Moment(now, *_usage(server), behind, states.count("registered")))
+                    if len(seen) > 1 and now // told_every > seen[-2].t // told_every:
+                        print(_line(seen[-1]), flush=True)
                 if now > seconds - 1.0 or any(r.done() and r.exception() is not None for r in running):
                     break
             refused = dict(watching[0].status.refused) if watching[0].status is not None else {}
@@ -344,11 +367,28 @@ async def _in_rooms(
                 for health in [] if watcher.status is None else watcher.status.users.values():
                     for reason, count in health.refused.items():
                         refused[reason] = refused.get(reason, 0) + count
-            states = [user.state for watcher in watching for user in watcher.frames.users.values()]
             for other in others:
                 other.cancel()
             heard = await asyncio.gather(*running)
-    return Load(lag, behind, usage, list(heard), states.count("registered"), refused, os.getloadavg()[0])
+    return Load(lag, seen, list(heard), seen[-1].registered, refused, os.getloadavg()[0])
+
+
+def _usage(server: int) -> tuple[Usage, Usage, Usage]:
+    """Of a server, of its solvers, and of their searches."""
+    solvers, searches = [], []
+    for process in processes_below(server):
+        with suppress(OSError):
+            command = Path(f"/proc/{process}/cmdline").read_bytes()
+            for kind, of in ((b"live.estimating", solvers), (b"incremental.worker", searches)):
+                if kind in command:
+                    of.append(usage_of(process)[0])
+    own, *others = [usage_of(server)[0]], solvers, searches
+    return tuple(Usage(sum(u.cpu for u in of), sum(u.megabytes for u in of)) for of in (own, *others))  # type: ignore[return-value]
+
+
+def _line(at: Moment) -> str:
+    megabytes = ", ".join(f"{name} {getattr(at, name).megabytes:.0f} MB" for name in ("server", "solvers", "searches"))
+    return f"{at.t:.0f} s: {megabytes}; {at.registered} registered; {at.behind:.2f} s behind"
 
 
 async def _drain(client: Client) -> None:
@@ -371,13 +411,14 @@ def quantile_ms(delays: Counts, share: float) -> int:
 def row_of(devices: int, load: Load) -> dict[str, Any]:
     """A line of the table."""
     delays = np.sum([one.delays for one in load.heard], axis=0)
-    first = next((at for at in load.usage if at[0] > 60.0), load.usage[len(load.usage) // 2])
-    begun = next(at for at in load.usage if at[0] > 0.0)
-    last = load.usage[-1]
-    span = last[0] - begun[0]
+    first = next((at for at in load.seen if at.t > 60.0), load.seen[len(load.seen) // 2])
+    begun = next(at for at in load.seen if at.t > 0.0)
+    last = load.seen[-1]
+    span = last.t - begun.t
+    behind = [at.behind for at in load.seen if at.t > min(SETTLED_S, 0.5 * last.t)]
     return {
         "devices": devices,
-        "s": round(last[0]),
+        "s": round(last.t),
         "loop p50 ms": max(lag.median for lag in load.lag),
         "loop p99 ms": max(lag.p99 for lag in load.lag),
         "of the median minute": float(np.median([lag.p99 for lag in load.lag])),
@@ -385,14 +426,18 @@ def row_of(devices: int, load: Load) -> dict[str, Any]:
         "poses p99 ms": quantile_ms(delays, 0.99),
         "words": sum(len(numbers) for one in load.heard for numbers in one.words.values()),
         "words lost": lost_words(load.heard),
-        "behind s, median": float(np.median(load.behind)),
-        "at most": max(load.behind),
-        "server MB, 1st minute": first[1].megabytes,
-        "server MB, end": last[1].megabytes,
-        "solver MB, 1st minute": first[2].megabytes,
-        "solver MB, end": last[2].megabytes,
-        "server cores": (last[1].cpu - begun[1].cpu) / span,
-        "solver cores": (last[2].cpu - begun[2].cpu) / span,
+        "behind s, median": float(np.median(behind)),
+        "behind p99": float(np.quantile(behind, 0.99)),
+        "at most": max(behind),
+        "server MB, 1st minute": first.server.megabytes,
+        "server MB, end": last.server.megabytes,
+        "solver MB, 1st minute": first.solvers.megabytes,
+        "solver MB, end": last.solvers.megabytes,
+        "search MB, most": max(at.searches.megabytes for at in load.seen),
+        "server cores": (last.server.cpu - begun.server.cpu) / span,
+        "solver cores": (last.solvers.cpu - begun.solvers.cpu) / span,
+        "search cores": (last.searches.cpu - begun.searches.cpu) / span,
+        "all registered after s": next((round(at.t) for at in load.seen if at.registered >= devices), None),
         "generators late p99 ms": max(one.late_ms for one in load.heard),
         "registered": load.registered,
         "refused": "; ".join(f"{reason} {count}" for reason, count in sorted(load.refused.items())),
@@ -418,11 +463,12 @@ def main() -> None:
     parser.add_argument("--air", type=int, default=11)
     parser.add_argument("--generators", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--every", type=float, default=60.0, help="s between what is told besides")
     parser.add_argument("--grow", action="store_true")
     options = parser.parse_args()
     rows, devices = [], options.devices
     while True:
-        load = run(devices, 60.0 * options.minutes, options.air, options.generators, options.seed)
+        load = run(devices, 60.0 * options.minutes, options.air, options.generators, options.seed, options.every)
         rows.append(row_of(devices, load))
         print("\n".join(f"{name}: {value}" for name, value in rows[-1].items()), flush=True)
         if bars := broken(rows[-1]):
