@@ -670,6 +670,7 @@ NB_MODULE(_core, m) {
       [](const Numbers& serial, const std::vector<std::pair<Numbers, Matrix>>& tables,
          const Column& unknown) {
         std::vector<SerialRows> of_each;
+        of_each.reserve(tables.size());
         for (const auto& [known, values] : tables) {
           require(values.rows() == known.size() && values.cols() == unknown.size(),
                   "a table must have a row a range, and as many columns as unknown");
@@ -705,6 +706,7 @@ NB_MODULE(_core, m) {
         std::vector<PoseTable> known;
         known.reserve(tables.size());
         std::vector<RangingDevice> devices;
+        devices.reserve(tables.size());
         for (size_t u = 0; u < tables.size(); ++u) {
           const PoseTable* table = nullptr;
           if (tables[u]) {

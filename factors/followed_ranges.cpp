@@ -15,11 +15,11 @@ namespace {
 template <std::size_t kColumns>
 void sort_rows(std::vector<Eigen::Index>& rows, const FollowedRanges& ranges,
                const std::array<Eigen::Index, kColumns>& by) {
-  std::stable_sort(rows.begin(), rows.end(), [&](Eigen::Index a, Eigen::Index b) {
+  std::sort(rows.begin(), rows.end(), [&](Eigen::Index a, Eigen::Index b) {
     for (const Eigen::Index column : by) {
       if (ranges(a, column) != ranges(b, column)) return ranges(a, column) < ranges(b, column);
     }
-    return false;
+    return a < b;
   });
 }
 

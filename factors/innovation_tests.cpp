@@ -67,11 +67,11 @@ Matrix part_of(const Innovations& rows, const Stretch& stretch) {
   for (Eigen::Index n = 0; n < rows.rows(); ++n) {
     if (rows(n, kStamp) > stretch.since) order.push_back(n);
   }
-  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
+  std::sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
     for (const auto column : {kUserI, kUserJ, kStamp}) {
       if (rows(a, column) != rows(b, column)) return rows(a, column) < rows(b, column);
     }
-    return false;
+    return a < b;
   });
   Matrix out(static_cast<Eigen::Index>(order.size()), kInnovationColumns);
   for (std::size_t n = 0; n < order.size(); ++n) {
@@ -132,7 +132,7 @@ double score_of(const Group& group, const std::vector<Pair>& pairs, const ShiftL
     if (side == 0) continue;
     count += static_cast<double>(pair.end - pair.first);
     // One who goes up or down gets away from all that are about it, on whichever side of the pair it is.
-    Eigen::Vector4d sides(side, side, side, 1.0);
+    const Eigen::Vector4d sides(side, side, side, 1.0);
     score += sides.cwiseProduct(pair.score);
     normal += sides.asDiagonal() * pair.normal * sides.asDiagonal();
   }
@@ -208,14 +208,14 @@ std::vector<GroupShift> shifted_groups(const Innovations& rows, const Stretch& s
     const double score = score_of(group, pairs, limits);
     if (score >= limits.looked_at) likely.emplace_back(score, std::move(group));
   }
-  std::stable_sort(likely.begin(), likely.end(),
-                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::sort(likely.begin(), likely.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
   if (likely.size() > kLookedAt) likely.resize(kLookedAt);
   std::vector<GroupShift> out;
+  out.reserve(likely.size());
   for (const auto& [score, group] : likely) {
     out.push_back(fitted(group, pairs, part, share, stretch, limits, loss, bursts));
   }
-  std::stable_sort(out.begin(), out.end(), [](const auto& a, const auto& b) { return a.gain > b.gain; });
+  std::sort(out.begin(), out.end(), [](const auto& a, const auto& b) { return a.gain > b.gain; });
   return out;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -15,7 +16,7 @@ namespace synchronizar {
 // Columns of a table of innovations: s, both users, predicted minus measured over what is expected, (3,) m
 // from j's antenna to i's as predicted, m as measured without what radios add, m 1 sigma, prior odds of NLOS,
 // what such a range is worth.
-enum InnovationColumn : Eigen::Index {
+enum InnovationColumn : std::uint8_t {
   kStamp,
   kUserI,
   kUserJ,

@@ -44,7 +44,7 @@ RangesRead read_ranges(const std::vector<RangingDevice>& devices, const PoseColu
                        const Eigen::Matrix<int, Eigen::Dynamic, 2, Eigen::RowMajor>& users,
                        const Points& levers, const Eigen::Array<bool, Eigen::Dynamic, 1>& wanted,
                        double reach, double longest) {
-  RangesRead out{RangeEnds::Zero(t.size(), 2 * kEndColumns), wanted};
+  RangesRead out{RangeEnds::Zero(t.size(), RangeEnds::ColsAtCompileTime), wanted};
   Column stamps(3);
   for (Eigen::Index n = 0; n < t.size(); ++n) {
     for (Eigen::Index end = 0; end < 2; ++end) {
