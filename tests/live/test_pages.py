@@ -165,7 +165,7 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
 
 
 def test_a_page_that_walks_sees_the_others_where_they_are_and_one_that_looks_sees_all() -> None:
-    simulation = simulate(Scene(users=3, seconds=300.0, seed=5))
+    simulation = simulate(Scene(users=3, seconds=240.0, seed=5))
     with server() as where:
         out = asyncio.run(visit(simulation, where))
     assert out["complaints"] == []
