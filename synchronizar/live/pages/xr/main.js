@@ -163,7 +163,7 @@ class Visit {
     session.addEventListener("selectend", () => this.#app?.select?.end());
     // Where something is done in the room, what a finger does there is its own.
     session.addEventListener("take", ({ detail }) => {
-      if (this.#app || !this.#placing || !this.#frame.registered) return;
+      if (this.#app?.select || !this.#placing || !this.#frame.registered) return;
       this.#holding.take(detail.hand, detail, this.#placing);
     });
     session.addEventListener("hold", ({ detail }) => {
