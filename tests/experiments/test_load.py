@@ -26,12 +26,16 @@ def test_a_line_tells_delays_and_words_that_were_lost() -> None:
         load.Heard(delays, {"a one": 3, "a all": 3}, {("b", "a one"): [0, 1, 2], ("b", "a all"): [0, 2]}, 1.0, 5),
         load.Heard(np.zeros_like(delays), {"b one": 2}, {("a", "b one"): [0, 1]}, 2.0, 5),
     ]
-    usage = [(t, Usage(0.5 * t, 50.0 + t), Usage(0.9 * t, 100.0)) for t in (1.0, 61.0, 121.0)]
-    row = load.row_of(2, load.Load([m.Lag(1.0, 9.0), m.Lag(2.0, 7.0)], [0.1, 0.3], usage, heard, 2, {"rate": 1}, 3.0))
+    seen = [
+        load.Moment(t, Usage(0.5 * t, 50.0 + t), Usage(0.9 * t, 100.0), Usage(0.25 * t, 9.0), 0.01 * t, 1 + (t > 5.0))
+        for t in (1.0, 61.0, 121.0)
+    ]
+    row = load.row_of(2, load.Load([m.Lag(1.0, 9.0), m.Lag(2.0, 7.0)], seen, heard, 2, {"rate": 1}, 3.0))
     assert (row["poses p50 ms"], row["poses p99 ms"]) == (20, 45)
     assert (row["loop p50 ms"], row["loop p99 ms"]) == (2.0, 9.0)
     assert (row["words"], row["words lost"]) == (7, 1)
-    assert (row["server cores"], row["solver cores"]) == (0.5, 0.9)
+    assert (row["server cores"], row["solver cores"], row["search cores"]) == (0.5, 0.9, 0.25)
+    assert (row["at most"], row["all registered after s"]) == (1.21, 61)
     assert (row["server MB, 1st minute"], row["server MB, end"]) == (111.0, 171.0)
     assert load.broken(row) == ["words"]
 
