@@ -224,14 +224,17 @@ def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
 def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
     """The optimum after more EM rounds with ranges' sigmas and weights measured on its residuals.
 
-    Where errors in line of sight are larger than noise, some of them are NLOS after all, and ranges count for less.
+    Where errors in line of sight are larger than noise and many ranges are NLOS, some of the others are NLOS after all,
+    and ranges count for less.
     """
     states = optimum.states
     graph = optimum.graph.with_measured_sigma(states)
     em_weights, _ = graph.e_step(states, optimum.em_weights)
     em_weights = graph.with_range_weights(states, em_weights)
     beyond = 1.0 - (graph.measurements.sigma / graph.sigma) ** 2
-    worth = 1.0 / (1.0 + graph.parameters.ranges.reflection_confusion * beyond)
+    _, inlier_probability = graph.inlier_probability(states, em_weights)
+    share = float(1.0 - inlier_probability.mean()) if len(inlier_probability) else 0.0
+    worth = 1.0 / (1.0 + graph.parameters.ranges.reflection_confusion * 4.0 * share * (1.0 - share) * beyond)
     return graph.run_em(states, replace(em_weights, range_weight=worth * em_weights.range_weight), rounds)
 
 
