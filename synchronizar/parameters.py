@@ -62,9 +62,9 @@ class RangeParameters:
     """c: where a share r of ranges is NLOS the others count 1 / (1 + c r (1 - r)), since some are taken for the other
     kind. Fitted on simulated walks with 0 to 50 % NLOS, whose squared errors were 1.4 to 2 times too large."""
     reflection_confusion: float = 6.0
-    """c: where a share x of the variance in line of sight is more than noise, and a share r of ranges is NLOS, the others
-    count 1 / (1 + c x 4 r (1 - r)), since some of that is NLOS. Fitted on simulated walks with 30 to 50 % NLOS, whose
-    squared errors were 4 times too large there; where hardly any range is NLOS, errors beyond noise are what they are."""
+    """c: where a share x of the variance in line of sight is more than noise, and a share r of ranges is NLOS, the rest
+    counts 1 / (1 + c x 4 r (1 - r)), since some of that is NLOS. Fitted on simulated walks with 30 to 50 % NLOS, whose
+    squared errors were 4 times too large there; where hardly any range is NLOS, errors beyond noise count in full."""
 
 
 @dataclass(frozen=True)
