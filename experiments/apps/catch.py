@@ -121,7 +121,7 @@ async def program(address: str, recording: Recording, name: str, began: float, r
     """A player without a page: walks, and throws to somebody else."""
     choice = random.Random(name)
     async with await Client.join(address, [name]) as client:
-        walking = asyncio.create_task(walk_alone(client, recording, name, began))
+        walking = asyncio.create_task(walk(client, recording, [name], began, heard=True))
         stage, held_since = Stage(client.welcome), None
         result.setdefault(f"{name} came", time.time() - began)
         try:
@@ -144,30 +144,6 @@ async def program(address: str, recording: Recording, name: str, began: float, r
                     held_since = time.monotonic()
         finally:
             walking.cancel()
-
-
-async def walk_alone(client: Client, recording: Recording, name: str, began: float) -> None:
-    """Poses and ranges of one device; `client` is heard by somebody else."""
-    one = Deaf(client)
-    await walk(one, recording, [name], began)  # type: ignore[arg-type]
-
-
-class Deaf:
-    """A client that is only spoken to."""
-
-    def __init__(self, client: Client) -> None:
-        self._client = client
-        self.send_poses, self.send_ranges = client.send_poses, client.send_ranges
-
-    @property
-    def members(self) -> dict[str, m.Member]:
-        """Of the room."""
-        return self._client.members
-
-    async def messages(self) -> Any:
-        """None."""
-        await asyncio.Event().wait()
-        yield None
 
 
 def ranging_with_one(recording: Recording) -> Recording:

@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.apps.catch import hand, walk_alone
+from experiments.apps.catch import hand
 from experiments.common.markdown import markdown
-from experiments.live.room import common_from_world_of
-from experiments.live.walkers import server
+from experiments.live.room import common_from_world_of, listen
+from experiments.live.walkers import server, walk
 from synchronizar.apps.treasure.game import SCORE, THING
 from synchronizar.apps.treasure.game_file import read_game
 from synchronizar.arrays import Array
@@ -45,9 +45,12 @@ async def day(
         clients = {n: await stack.enter_async_context(await Client.join(where["join"], [n])) for n in walkers}
         still = await stack.enter_async_context(await Client.join(where["join"], {n: {"static": True} for n in RADIOS}))
         began = time.time()
-        tasks = [asyncio.create_task(walk_alone(c, simulation.recording, n, began)) for n, c in clients.items()]
-        tasks += [asyncio.create_task(_listen(c)) for c in (still, *list(clients.values())[1:])]
         first, client = next(iter(clients.items()))
+        tasks = [
+            asyncio.create_task(walk(c, simulation.recording, [n], began, heard=c is client))
+            for n, c in clients.items()
+        ]
+        tasks.append(asyncio.create_task(listen(still)))
         stage, wanted = Stage(client.welcome), 0
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
@@ -85,11 +88,6 @@ def _apart(stage: Stage, name: str, known: list[m.Object]) -> bool:
 def _in_world(simulation: Simulation, stage: Stage, thing: m.Object) -> Array:
     assert stage.frames.reference is not None
     return common_from_world_of(simulation, stage.frames.reference).inverse() @ np.array(thing.position)
-
-
-async def _listen(client: Client) -> None:
-    async for _ in client.messages():
-        pass
 
 
 def main() -> None:

@@ -35,13 +35,14 @@ def server(*options: str) -> Iterator[dict[str, Any]]:
             process.wait()
 
 
-async def walk(client: Client, recording: Recording, own: Iterable[str], began: float) -> None:
+async def walk(client: Client, recording: Recording, own: Iterable[str], began: float, heard: bool = False) -> None:
     """Say what the devices `own` of a recording see and measure, as it comes; its t = 0 is at `began` (s since 1970).
 
     Of the ranges those of them with one another and with others who are in the room. Goes on until it is cancelled.
+    `heard`: somebody else hears what the client is told.
     """
     own = set(own)
-    hearing = asyncio.create_task(_hear(client))
+    hearing = None if heard else asyncio.create_task(_hear(client))
     poses = sorted(
         ((t, name, position, quat) for name in own for t, position, quat in _poses(recording, name)),
         key=lambda pose: pose[0],
@@ -60,7 +61,8 @@ async def walk(client: Client, recording: Recording, own: Iterable[str], began: 
             del ranges[:count]
             await asyncio.sleep(_BEAT_S)
     finally:
-        hearing.cancel()
+        if hearing is not None:
+            hearing.cancel()
 
 
 async def _hear(client: Client) -> None:

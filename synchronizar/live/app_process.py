@@ -11,10 +11,8 @@ from contextlib import suppress
 import msgspec
 
 from synchronizar.live.app_run import Place
+from synchronizar.live.restarts import Restarts
 
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
-"""s before it is begun again: twice as long each time, until it has lived for a while."""
-_LIVED_S = 60.0
 _ENDS_WITHIN_S = 1.0
 
 
@@ -49,14 +47,14 @@ class AppProcess:
             await process.wait()
 
     async def _keep(self) -> None:
-        pause, loop = FIRST_PAUSE_S, asyncio.get_running_loop()
+        restarts = Restarts(asyncio.get_running_loop().time)
         while True:
-            began = loop.time()
+            restarts.began()
+            restarts.works()  # it answers nothing: it works for as long as it lives
             await self._live()
-            pause = FIRST_PAUSE_S if loop.time() - began > _LIVED_S else pause
+            pause = restarts.ended()
             self._event(f"the application {self._name} has ended; it is begun again in {pause:g} s")
             await asyncio.sleep(pause)
-            pause = min(2.0 * pause, LONGEST_PAUSE_S)
 
     async def _live(self) -> None:
         """From its start to its end; what it writes to standard error is the server's too."""

@@ -11,6 +11,7 @@ from collections.abc import Container
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.geometry import YawFrame
 from synchronizar.live.member import Device
 from synchronizar.live.messages import UserFrame
 from synchronizar.live.smoothing import DriftAlarm, Placing
@@ -32,8 +33,7 @@ class Doubts:
         if told.state != "registered" or placing is None or covariance is None:
             alarm.forget()
             return False
-        x, y, z = (0.0, 0.0, 0.0) if device.pose is None else device.pose[1]
-        at = (-z, -x, y) if device.settings.up == "y" else (x, y, z)
+        at = YawFrame(up_b=device.settings.up) @ ((0.0, 0.0, 0.0) if device.pose is None else device.pose[1])
         return alarm.solved(t, placing, covariance, at) is not None
 
     def keep(self, names: Container[str]) -> None:

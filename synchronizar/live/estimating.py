@@ -207,7 +207,8 @@ def _read(commands: BinaryIO) -> Any:
 
 
 if __name__ == "__main__":
-    os.nice(_NICE)
+    if hasattr(os, "nice"):  # Windows has none
+        os.nice(_NICE)
     gc.freeze()  # what was imported is never garbage: looking through it takes 40 ms whenever the oldest are looked at
     answers = sys.stdout.buffer
     sys.stdout = sys.stderr  # whatever else is printed must not come among the answers

@@ -1,4 +1,4 @@
-"""When a solver's process that has ended by itself is begun again: at once at first, ever later while it ends again."""
+"""When a process that has ended by itself is begun again: at once at first, ever later while it ends again."""
 
 from __future__ import annotations
 

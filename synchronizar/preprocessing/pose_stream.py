@@ -768,7 +768,7 @@ def _event(kind: int, numbers: list[float]) -> Event:
     return SetAside(numbers[0], numbers[1], int(numbers[2]), _REASONS[int(numbers[3])])
 
 
-def range_ends(
+def ends_of_ranges(
     streams: Sequence[PoseStream | None],
     clocks: Array,
     t: Array,

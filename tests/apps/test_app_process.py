@@ -12,11 +12,12 @@ from support.serving import run, serving
 
 from synchronizar.apps.catch.game import BALL
 from synchronizar.errors import InputError
-from synchronizar.live.app_process import FIRST_PAUSE_S, AppProcess
+from synchronizar.live.app_process import AppProcess
 from synchronizar.live.app_run import Place
 from synchronizar.live.applications import application, installed
 from synchronizar.live.client import Client
 from synchronizar.live.play import play
+from synchronizar.live.restarts import FIRST_WAIT_S
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
 
@@ -72,8 +73,8 @@ def test_an_application_that_ends_is_begun_again_after_a_pause_that_is_told() ->
         await keeper.close()
 
     asyncio.run(test())
-    assert f"begun again in {FIRST_PAUSE_S:g} s" in told[0]
-    assert f"begun again in {2.0 * FIRST_PAUSE_S:g} s" in told[1]
+    assert f"begun again in {FIRST_WAIT_S:g} s" in told[0]
+    assert f"begun again in {2.0 * FIRST_WAIT_S:g} s" in told[1]
 
 
 def test_an_application_that_there_is_not_is_refused_by_name() -> None:

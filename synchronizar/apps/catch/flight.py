@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, sin, sqrt
+from math import atan2, cos, dist, hypot, sin, sqrt
 
 import numpy as np
 
@@ -54,14 +54,9 @@ class Flight:
         )
         last = end - begin
         inside = [float(s.real) for s in np.roots(cubic) if abs(s.imag) < 1e-9 and 0.0 < s.real < last]
-        tried = [(distance(self.at(begin + s), place), begin + s) for s in (0.0, last, *inside)]
+        tried = [(dist(self.at(begin + s), place), begin + s) for s in (0.0, last, *inside)]
         near, when = min(tried)
         return when, near
-
-
-def distance(a: Vector, b: Vector) -> float:
-    """M."""
-    return hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def throw_to(begin: Vector, goal: Vector, speed: float) -> Vector:

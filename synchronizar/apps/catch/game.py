@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import acos, atan2, hypot, isfinite, pi
+from math import acos, atan2, dist, hypot, isfinite, pi
 from typing import Any
 
-from synchronizar.apps.catch.flight import Flight, Vector, distance, throw_to
+from synchronizar.apps.catch.flight import Flight, Vector, throw_to
 from synchronizar.geometry import wrap_angle
 from synchronizar.live.applications import Application
 from synchronizar.live.stage import Player, Stage
@@ -174,7 +174,7 @@ class Catch(Application):
         self._holder, self._rally = None, 0
         if stage.players:
             place = stage.objects[BALL].position
-            self._hand_to(stage, min(stage.players, key=lambda name: distance(place, stage.players[name].position)))
+            self._hand_to(stage, min(stage.players, key=lambda name: dist(place, stage.players[name].position)))
         else:
             self._phase = "waits"
             stage.remove(BALL)

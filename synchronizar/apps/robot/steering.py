@@ -100,15 +100,13 @@ def _goal_point(at: Ground, goal: Ground, point: Plane, p: SteeringParameters) -
     """From the steered point to where it is when the axle is at the goal, coming from here."""
     dx, dy = goal.x - at.x, goal.y - at.y
     way = hypot(dx, dy)
-    lead = p.ahead * min(1.0, way / (2.0 * p.ahead)) if way > 0.0 else 0.0
     # Far off the point is led along the way; near the goal along its heading, so that it arrives looking right.
     hx, hy = (dx / way, dy / way) if way > 2.0 * p.ahead else (cos(goal.heading), sin(goal.heading))
-    ahead = lead if way > 2.0 * p.ahead else p.ahead
-    return goal.x + ahead * hx - point[0], goal.y + ahead * hy - point[1]
+    return goal.x + p.ahead * hx - point[0], goal.y + p.ahead * hy - point[1]
 
 
 def _bound(point: Plane, person: Person, sigma: float, p: SteeringParameters) -> tuple[Plane, float] | None:
-    """U . n >= least, with n from the person to the robot; None where the two are at one place."""
+    """The bound u . n >= least, with n from the person to the robot; None where the two are at one place."""
     dx, dy = point[0] - person.place[0], point[1] - person.place[1]
     distance = hypot(dx, dy)
     if distance < 1e-9:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import combinations
+from math import dist
 
 import numpy as np
 
 from synchronizar.apps.treasure.game_file import Game, KeptFrame
 from synchronizar.geometry import YawFrame, frame_between
 from synchronizar.live.messages import UserFrame, Vector
+from synchronizar.live.peer_placing import told_frame
 from synchronizar.live.stage import Stage
 
 SURE_M = 0.15
@@ -26,13 +28,9 @@ def found(stage: Stage, game: Game, kept: set[str]) -> YawFrame | None:
     """
     for name in sorted(kept & game.frames.keys()):
         told = stage.frames.users.get(name)
-        if told is not None and _is_sure(told):
-            assert told.x is not None
-            assert told.y is not None
-            assert told.z is not None
+        if (common_from_user := _sure_frame(told)) is not None:
             was = game.frames[name]
-            game_from_user = YawFrame(was.x, was.y, was.z, was.yaw, was.scale)
-            return YawFrame(told.x, told.y, told.z, told.yaw or 0.0, told.scale) @ game_from_user.inverse()
+            return common_from_user @ YawFrame(was.x, was.y, was.z, was.yaw, was.scale).inverse()
     return _by_radios(radios_of(stage), game.radios)
 
 
@@ -40,12 +38,9 @@ def radios_of(stage: Stage) -> dict[str, Vector]:
     """Places (m, common frame) of radios that stand still and are known well."""
     out: dict[str, Vector] = {}
     for member in stage.members.values():
-        told = stage.frames.users.get(member.name)
-        if member.static and told is not None and _is_sure(told):
-            assert told.x is not None
-            assert told.y is not None
-            assert told.z is not None
-            out[member.name] = told.x, told.y, told.z
+        frame = _sure_frame(stage.frames.users.get(member.name))
+        if member.static and frame is not None:
+            out[member.name] = frame.x, frame.y, frame.z
     return out
 
 
@@ -53,19 +48,18 @@ def frames_of(stage: Stage, game_from_common: YawFrame) -> dict[str, KeptFrame]:
     """Where devices' own frames lie in the game's."""
     out = {}
     for member in stage.members.values():
-        told = stage.frames.users.get(member.name)
-        if member.static or told is None or not _is_sure(told):
-            continue
-        assert told.x is not None
-        assert told.y is not None
-        assert told.z is not None
-        frame = game_from_common @ YawFrame(told.x, told.y, told.z, told.yaw or 0.0, told.scale)
-        out[member.name] = KeptFrame(frame.x, frame.y, frame.z, frame.yaw, frame.scale)
+        common_from_user = _sure_frame(stage.frames.users.get(member.name))
+        if not member.static and common_from_user is not None:
+            frame = game_from_common @ common_from_user
+            out[member.name] = KeptFrame(frame.x, frame.y, frame.z, frame.yaw, frame.scale)
     return out
 
 
-def _is_sure(told: UserFrame) -> bool:
-    return told.state == "registered" and told.x is not None and told.sigma is not None and told.sigma < SURE_M
+def _sure_frame(told: UserFrame | None) -> YawFrame | None:
+    """`common_from_user` between z-up axes, of who is registered and known well."""
+    if told is None or told.state != "registered" or told.sigma is None or told.sigma >= SURE_M:
+        return None
+    return told_frame(told, "z", told.frame)
 
 
 def _by_radios(now: dict[str, Vector], then: dict[str, Vector]) -> YawFrame | None:
@@ -73,7 +67,7 @@ def _by_radios(now: dict[str, Vector], then: dict[str, Vector]) -> YawFrame | No
     if len(names) < 2:
         return None
     here, there = (np.array([places[name] for name in names]) for places in (now, then))
-    if max(np.linalg.norm(a[:2] - b[:2]) for a, b in combinations(there, 2)) < APART_M:
+    if max(dist(a[:2], b[:2]) for a, b in combinations(there, 2)) < APART_M:
         return None
     return frame_between(here, there, np.full(len(names), 1.0 / len(names)))
 
@@ -81,9 +75,5 @@ def _by_radios(now: dict[str, Vector], then: dict[str, Vector]) -> YawFrame | No
 def _agrees(name: str, now: dict[str, Vector], then: dict[str, Vector]) -> bool:
     """Whether at least half of its distances to the others are as they were: who was moved agrees with nobody."""
     others = [other for other in now.keys() & then.keys() if other != name]
-    fits = [abs(_away(now[name], now[other]) - _away(then[name], then[other])) < FITS_M for other in others]
+    fits = [abs(dist(now[name], now[other]) - dist(then[name], then[other])) < FITS_M for other in others]
     return 2 * sum(fits) >= len(fits) > 0
-
-
-def _away(a: Vector, b: Vector) -> float:
-    return float(np.linalg.norm(np.subtract(a, b)))

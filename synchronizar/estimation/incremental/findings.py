@@ -60,12 +60,12 @@ class Findings:
 
     def _joining(self, user: int, places: FoundPlaces) -> JoiningUser | None:
         """A user as it is to be followed; None where it has no slot."""
-        own, of = places.joining(user, self._roster.users[user]), self._roster.users[user]
-        if own is None or not self._roster.standings[user].lifted:
-            return own
-        parameters = self._roster.parameters
-        sigmas = [height_sigma_of(each, parameters) for each in (of, self._roster.as_known(user))]
-        return own._replace(height_weight=own.height_weight * (sigmas[0] / sigmas[1]) ** 2)
+        roster = self._roster
+        own = places.joining(user, roster.users[user])
+        if own is None:
+            return None
+        said, known = (height_sigma_of(of, roster.parameters) for of in (roster.users[user], roster.as_known(user)))
+        return own._replace(height_weight=own.height_weight * (said / known) ** 2)
 
     def _frame(self, user: int, last: Array, found: Found) -> Array:
         """(4,) common_from_user, of a user's last pose (4,) in the common frame."""

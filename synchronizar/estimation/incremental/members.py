@@ -47,8 +47,9 @@ class _One:
         return np.array([priors.place_sigma**2, priors.place_sigma**2, height, priors.yaw_sigma**2])
 
 
-_MANY = 12
-"""Members of whom more are asked once a slot for their joint covariance: it costs the cube of how many there are."""
+MANY = 12
+"""Of more members the joint covariance is asked once a slot, since it costs the cube of how many there are; and one is
+proven by a window, since a longer walk of so many would be searched for too long."""
 
 
 class Members:
@@ -65,7 +66,7 @@ class Members:
         self.order = sorted(tracking.members)
         self._row = {u: n for n, u in enumerate(self.order)}
         at = self._at = [(u, tracking.members[u].slot) for u in self.order]
-        if before is not None and len(at) > _MANY and before._at == at:
+        if before is not None and len(at) > MANY and before._at == at:
             self._joint = before._joint
             return
         size = len(self.order)

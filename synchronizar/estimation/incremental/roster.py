@@ -63,13 +63,11 @@ class Roster:
         self.tell(user)
 
     def as_known(self, user: int) -> User:
-        """A user, its height one that may be any where it went up or down and its SLAM did not."""
+        """A user's settings; of who went up or down without its SLAM, as in a lift, the height is nearly unknown."""
         own = self.users[user]
-        return (
-            replace(own, height_sigma=self.parameters.priors.static_height_sigma)
-            if self.standings[user].lifted
-            else own
-        )
+        if not self.standings[user].lifted:
+            return own
+        return replace(own, height_sigma=self.parameters.priors.static_height_sigma)
 
     def renew_stream(self, user: int) -> None:
         """A device's SLAM tells from now on what need not continue what it told before."""

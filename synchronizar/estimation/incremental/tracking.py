@@ -43,7 +43,7 @@ from synchronizar.graph.slot_factors import (
     step_factor,
 )
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.pose_stream import PoseStream, range_ends
+from synchronizar.preprocessing.pose_stream import PoseStream, ends_of_ranges
 
 _REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
@@ -284,7 +284,7 @@ class Tracking:
             there &= (users != user).all(axis=1)
         antennas = np.stack([waiting.antenna_i, waiting.antenna_j], axis=1)
         longest = self.parameters.slam.longest_pose_gap
-        ends, there = range_ends(
+        ends, there = ends_of_ranges(
             self.streams, self.assumed_clock, waiting.t, users, self._levers[users, antennas], there, _REACH, longest
         )
         left = ~there & ~(waiting.t < now - _LATE)

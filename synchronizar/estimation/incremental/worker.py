@@ -17,7 +17,8 @@ _NICE = 5
 def serve() -> None:
     """Search until there are no more snapshots, or whoever asks has ended."""
     Thread(target=_end_after, args=(os.getppid(),), daemon=True).start()
-    os.nice(_NICE)
+    if hasattr(os, "nice"):  # Windows has none
+        os.nice(_NICE)
     snapshots, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr  # whatever else is printed must not come among the answers
     while True:
