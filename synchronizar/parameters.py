@@ -247,10 +247,12 @@ class IntegrityParameters:
     wrong_share_kept: float = 0.05
     """... and stays so while it is below this, so that states do not flicker."""
     cost_excluded: float = 7.0
-    """An alternative is excluded when its cost is this far above the best one's where SLAM is trusted, sqrt(k) times
-    this where the tracks of k devices may be bent by drift, ..."""
+    """An alternative is excluded when its cost is this far above the best one's, ..."""
     cost_excluded_nlos: float = 12.0
-    """... and at least this far where ranges are NLOS, whose distribution is known but roughly."""
+    """... or this far where ranges are NLOS, whose distribution is known but roughly, ..."""
+    cost_excluded_sigmas: float = 3.5
+    """... and this many standard deviations of what noise makes of the difference where people walk straight lines, so
+    that only drift tells one mirror image from the other."""
     height_contradicted: float = 4.0
     """Nobody is registered whose height is more of its prior's sigmas off: something else is wrong."""
     largest_rejected: float = 0.75

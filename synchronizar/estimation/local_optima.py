@@ -195,6 +195,8 @@ def with_noise_alone(optimum: LocalOptimum) -> LocalOptimum:
     leads. The other optimum is believed where it gains more by its weights than it loses by those of the first.
     """
     graph, states, em_weights, _ = optimum
+    if not len(graph.measurements):
+        return optimum
     said = (graph.sigma / graph.measurements.sigma) ** 2
     if _NOISIER * float(em_weights.range_weight.mean()) > float(said.mean()):
         return optimum
@@ -336,20 +338,32 @@ def compare(
         em_weights = replace(s.em_weights, range_weight=best.em_weights.range_weight)
         compared.append(s.graph.with_sigma_of(best.graph).run_em(s.states, em_weights, _FIRST_ROUNDS))
     first, *others = compared
-    others = [s for s in others if s.cost <= first.cost + excluded_above(best)]
-    return [best._replace(cost=first.cost), *sorted(others, key=by_cost)]
+    return [best._replace(cost=first.cost), *sorted(not_excluded(first, others), key=by_cost)]
 
 
-def excluded_above(best: LocalOptimum) -> float:
-    """How far (negative log likelihood) above the best one's an optimum's cost excludes it."""
-    parameters = best.graph.parameters
-    # Drift bends a straight track, which favours it or its mirror image by chance. That cost is a sum with one random
-    # term for each device whose SLAM may drift, so it grows with the root of their number.
-    drifting = max(sum(len(k.step_sigma) > 0 for k in best.graph.keyframes), 1)
-    nlos = nlos_share(best) > parameters.search.doubtful_share
-    return float(
-        max(
-            parameters.integrity.cost_excluded_nlos if nlos else 0.0,
-            parameters.integrity.cost_excluded * np.sqrt(drifting),
-        )
-    )
+def not_excluded(best: LocalOptimum, others: Sequence[LocalOptimum]) -> list[LocalOptimum]:
+    """Those of the others, of the same ranges and range weights as the best one, that their cost does not exclude.
+
+    Where people walk straight lines, ranges do not distinguish a placement from its mirror image: what drift has bent
+    favours one or the other, as the ranges' noise will have it. The difference of the two costs is then normal about 0,
+    with the norm of the difference of their whitened residuals e as standard deviation: a cost's derivative by the
+    ranges' noise is -e (envelope theorem). An optimum is excluded where the difference is no such chance.
+    """
+    limits = best.graph.parameters.integrity
+    nlos = nlos_share(best) > best.graph.parameters.search.doubtful_share
+    least = limits.cost_excluded_nlos if nlos else limits.cost_excluded
+    own = _scores(best)
+    root = np.sqrt(best.em_weights.range_weight)
+    by_chance = [float(np.linalg.norm(root * (_scores(s) - own))) for s in others]
+    return [
+        s
+        for s, sigma in zip(others, by_chance, strict=True)
+        if s.cost - best.cost <= max(least, limits.cost_excluded_sigmas * sigma)
+    ]
+
+
+def _scores(optimum: LocalOptimum) -> Array:
+    """(n,) derivative of the cost of each range, at weight 1, by its whitened residual."""
+    graph = optimum.graph
+    weight, _ = graph.inlier_probability(optimum.states, optimum.em_weights)
+    return weight * graph.residuals(optimum.states) / graph.sigma

@@ -12,7 +12,7 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import assess
-from synchronizar.estimation.local_optima import excluded_above, find_optima
+from synchronizar.estimation.local_optima import find_optima, not_excluded
 from synchronizar.estimation.residual_statistics import inflations
 from synchronizar.estimation.segments import starts_of
 from synchronizar.graph.pose_graph import LocalOptimum
@@ -34,9 +34,8 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     searched = perf_counter()
     progress(0.1)
     optima = find_optima(graph, starts, stage(progress, 0.1, 0.9))
-    best = optima[0]
-    most = best.cost + excluded_above(best)
-    optima = [s for s in optima if s.cost <= most]
+    best, *others = optima
+    optima = [best, *not_excluded(best, others)]
     inflation = _inflation(best)
     systematic = np.flatnonzero(inflation > parameters.integrity.systematic_inflation).tolist()
     assessed = assess(optima, partial(_inflated, graph=graph, inflation=inflation), systematic)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.local_optima import nlos_share, other_places, with_measured_weights
+from synchronizar.estimation.local_optima import nlos_share, not_excluded, other_places, with_measured_weights
+from synchronizar.estimation.mirror_images import reflections
 from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
@@ -104,3 +105,53 @@ def test_one_user_that_is_elsewhere_is_found_again_beside_the_others(seed: int) 
     ]
     assert min(o.max() for o in off) < 0.05
     assert min(other.cost for other in found) < best.cost + 1.0
+
+
+LINES = Scene(users=4, walk=("line",), seconds=12.0, drift_m_per_sqrt_s=0.02, drift_rad_per_sqrt_s=0.01)
+
+
+def either_side_of_the_line(graph: PoseGraph, frames: Array) -> tuple[LocalOptimum, LocalOptimum]:
+    """The optima at frames, and where the others are reflected in the first one's line."""
+    graph = graph.with_reflections(there=False)
+    begin = replace(graph.initial_em_weights(), range_weight=np.ones(len(graph.measurements)))
+    image = reflections(graph.measurements, frames, 0)[0]
+    truth, other = (graph.run_em(graph.initial_states(f), begin, 10) for f in (frames, image))
+    return truth, other
+
+
+def by_chance(one: LocalOptimum, other: LocalOptimum) -> float:
+    """1 sigma of the difference of two costs, by the definition in `not_excluded`."""
+    e = [s.graph.inlier_probability(s.states, s.em_weights)[0] * s.graph.residuals(s.states) for s in (one, other)]
+    return float(np.linalg.norm((e[1] - e[0]) / one.graph.sigma))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_tells_the_sides_of_straight_walks_apart_is_as_large_as_the_noise_makes_it(seed: int) -> None:
+    """Noise is drawn anew, SLAM's drift stays: the costs of the truth and its mirror image differ by a unit normal."""
+    simulation = simulate(replace(LINES, seed=seed))
+    graph = graph_of(simulation)
+    measurements = graph.measurements
+    places = np.array([simulation.truth[u.name].at(measurements.t, 1.0).position for u in simulation.recording.users])
+    n = np.arange(len(measurements))
+    true_distance = np.linalg.norm(places[measurements.i, n] - places[measurements.j, n], axis=1)
+    frames = true_frames(simulation, graph)
+    random, z = np.random.default_rng(seed), []
+    for _ in range(40):
+        drawn = true_distance + 0.1 * random.standard_normal(len(n))
+        problem = graph.problem.with_measurements(replace(measurements, distance=drawn))
+        truth, image = either_side_of_the_line(PoseGraph(problem, graph.keyframes), frames)
+        z.append((image.cost - truth.cost) / by_chance(truth, image))
+    assert abs(np.mean(z)) < 0.6
+    assert 0.7 < np.std(z) < 1.4
+
+
+def test_an_optimum_is_excluded_by_its_cost_only_beyond_what_noise_explains() -> None:
+    simulation = simulate(replace(LINES, seed=1))
+    graph = graph_of(simulation)
+    truth, image = either_side_of_the_line(graph, true_frames(simulation, graph))
+    most = MODEL.integrity.cost_excluded_sigmas * by_chance(truth, image)
+    assert most > MODEL.integrity.cost_excluded
+    near, far = image._replace(cost=truth.cost + 0.99 * most), image._replace(cost=truth.cost + 1.01 * most)
+    assert not_excluded(truth, [near, far]) == [near]
+    same = truth._replace(cost=truth.cost + 1.01 * MODEL.integrity.cost_excluded)
+    assert not_excluded(truth, [same]) == []
