@@ -2,7 +2,8 @@
 
 The factors and variables are in slot_factors.py. Nothing in the graph lives for the whole walk, so nothing freezes at
 a bad linearisation. Variables are eliminated in the order of time: the newest slot is the root, so its factor is
-replaced cheaply as ranges come, and the oldest slot is a leaf, which is marginalised out into a linear factor.
+replaced cheaply as ranges come, and the oldest slot is a leaf, which is marginalised out into a linear factor. Each
+user's own newest slot is in the root too, however old it is: so the joint covariance of all is told by the root alone.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ _CLIQUE_SLOTS = 2  # before a slot, that its cliques may hold variables of
 _WHOLE = 0.5  # of all variables: gtsam orders all where it eliminates more than 0.65 of them
 _DIMENSIONS = {"x": 3, "h": 1, "d": 3}
 _KeyArray = NDArray[np.int64]
-_ANYWHERE = (gtsam.Pose2(), 0.0, np.zeros(3))
+_Users = tuple[int, tuple[int, ...]]  # of a slot
+_NO_ROWS = [np.zeros((0, of)) for of in _DIMENSIONS.values()]
 _MOST_SLOTS = 4096  # whose keys are remembered
 
 
@@ -113,11 +115,13 @@ class Follower:
         self._dropped: list[int] = []
         self._inserted = gtsam.Values()
         self._slots: dict[int, list[int]] = {}
+        self._newest: dict[int, int] = {}  # slot of each user
         self._touched: int | None = None
         self._left = 0  # users who were taken out, ever
         self._fixed: set[int] = set()  # variables that a marginal ties: they stay linearised where they are
         self._tied: dict[int, _Pair] = {}
-        self._ordered: tuple[list[tuple[int, tuple[int, ...]]], gtsam.KeyGroupMap] | None = None
+        self._are_tied = True
+        self._ordered: tuple[tuple[list[_Users], dict[int, int]], gtsam.KeyGroupMap] | None = None
         self._tree, self._at = _tree()
 
     # What is in it
@@ -139,6 +143,8 @@ class Follower:
         if slot not in self._slots and slot < next(reversed(self._slots), slot):
             self._slots = dict(sorted([*self._slots.items(), (slot, [])]))
         self._slots.setdefault(slot, []).append(user)
+        self._are_tied = False
+        self._newest[user] = max(slot, self._newest.get(user, slot))
         self._inserted.insert(keys.slot_pose(user, slot), gtsam.Pose2(*state.pose))
         self._inserted.insert(keys.slot_height(user, slot), state.height)
         self._inserted.insert(keys.slot_calibration(user, slot), state.calibration / CALIBRATION_UNITS)
@@ -195,6 +201,9 @@ class Follower:
         Steps tie each user to itself. Eliminated one after the other, users would be a clique each, and each clique
         keeps what it tells all others, which is as large as that of all together.
         """
+        if self._are_tied:
+            return
+        self._are_tied = True
         for (slot, users), (after, others) in pairwise(self._slots.items()):
             pair = _Pair(tuple(users), after, tuple(others))
             if self._tied.get(slot) != pair:
@@ -230,14 +239,13 @@ class Follower:
         return at, min(ordered, at)
 
     def _groups(self, slots: Sequence[int]) -> gtsam.KeyGroupMap:
-        """The variables of slots, by the order of these; what stands in no group comes first."""
+        """The variables of slots, by the order of these; what stands in no group comes first.
+
+        Everybody's newest ones come last: they are the root.
+        """
         present = [(slot, tuple(self._slots[slot])) for slot in slots]
-        if self._ordered is None or self._ordered[0] != present:
-            groups = gtsam.KeyGroupMap()
-            for group, (slot, users) in enumerate(present, 1):
-                for key in _keys(users, slot):
-                    groups.insert2(key, group)
-            self._ordered = present, groups
+        if self._ordered is None or self._ordered[0] != (present, self._newest):
+            self._ordered = (present, self._newest.copy()), _by_time(present, self._newest)
         return self._ordered[1]
 
     def _stale(self, among: slice = _ALL, beyond: float = 1.0) -> int | None:
@@ -303,6 +311,7 @@ class Follower:
         for slot in self._tied:
             self.drop(_Tie(slot))
         self._tied.clear()
+        self._are_tied = False
         values = self.estimates()
         linear = gtsam.GaussianFactorGraph()
         for name, (factor, _, _) in list(self._factors.items()):
@@ -326,6 +335,7 @@ class Follower:
             values.erase(key)
         self._slots = {slot: [u for u in users if u != user] for slot, users in self._slots.items()}
         self._slots = {slot: users for slot, users in self._slots.items() if users}
+        self._newest.pop(user, None)
         self._build(values)
 
     def marginalize(self, before: int) -> None:
@@ -335,11 +345,15 @@ class Follower:
             return
         # They stay linearised where they are, and so do those after them that they tie.
         leaving = slice(len(leaves) + 1)
+        gone = [user for user, slot in self._newest.items() if slot < before]
+        for user in gone:  # its variables are the root's no more
+            self._newest.pop(user)
+            self._touched = leaves[0]
         self.update(_ALL if self._stale(leaving, _OLDER) is not None else _NONE)
         marginal = self._keys_of(leaves)
-        left, gone = self._tree.marginalizeLeavesWithIndices(_key_list(marginal))
-        deleted = set(gone)
-        self._factors = {name: placed for name, placed in self._factors.items() if placed.position not in deleted}
+        left, deleted = self._tree.marginalizeLeavesWithIndices(_key_list(marginal))
+        taken = set(deleted)
+        self._factors = {name: placed for name, placed in self._factors.items() if placed.position not in taken}
         graph, self._at = self._tree.getFactorsUnsafe(), self._tree.getLinearizationPoint()
         for index in left:
             # gtsam's own does not know where it was linearised, and would be wrong in a tree that is built anew.
@@ -411,6 +425,7 @@ class Follower:
         """
         out = cls()
         out._slots = {slot: list(users) for slot, users in state.slots.items()}
+        out._newest = {user: slot for slot, users in out._slots.items() for user in users}
         at, out._inserted = (_values(_by_key(*part)) for part in state.point)
         graph = gtsam.NonlinearFactorGraph()
         for rows in state.dropped:
@@ -430,14 +445,12 @@ class Follower:
                 out._tied[slot] = pair = _Pair(tuple(there[0]), after, tuple(there[1]))
                 out._factors[_Tie(slot)] = tie = _Placed(_tying(slot, pair), graph.size())
                 graph.push_back(tie.factor)
-        order, params = gtsam.KeyGroupMap(), gtsam.ISAM2UpdateParams()
-        for group, (slot, users) in enumerate(out._slots.items()):
-            for key in _keys(tuple(users), slot):
-                if at.exists(key):
-                    order.insert2(key, group)
-        params.constrainedKeys = order
+        params = gtsam.ISAM2UpdateParams()
+        known = [(slot, tuple(u for u in us if at.exists(keys.slot_pose(u, slot)))) for slot, us in out._slots.items()]
+        params.constrainedKeys = _by_time(known, {user: slot for slot, users in known for user in users})
         if graph.size():
             out._tree.update(graph, at, params)
+        out._are_tied = False
         out._fixed, out._touched, out._left = set(state.fixed), state.touched, state.left
         out._at = out._tree.getLinearizationPoint()
         return out
@@ -453,23 +466,29 @@ def _keys(users: tuple[int, ...], slot: int) -> tuple[int, ...]:
     )
 
 
+def _by_time(slots: Sequence[_Users], newest: Mapping[int, int]) -> gtsam.KeyGroupMap:
+    """Groups of variables: slot by slot, `newest` of each user in the last one."""
+    groups = gtsam.KeyGroupMap()
+    for group, (slot, users) in enumerate(slots, 1):
+        for key in _keys(tuple(u for u in users if newest.get(u) != slot), slot):
+            groups.insert2(key, group)
+    for user, slot in newest.items():
+        for key in _keys((user,), slot):
+            groups.insert2(key, len(slots))
+    return groups
+
+
 def _tying(slot: int, pair: _Pair) -> gtsam.LinearContainerFactor:
     """A factor of no rows."""
     users, after, others = pair
-    of = [*_keys(users, slot), *_keys(others, after)]
-    none = [np.zeros((0, _DIMENSIONS[symbol])) for symbol in "xhd"]
-
-    def error(_: gtsam.CustomFactor, __: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        if jacobians is not None:
-            for n in range(len(of)):
-                jacobians[n] = none[n % _VARIABLES]
-        return np.zeros(0)
-
-    anywhere = gtsam.Values()
-    for n, key in enumerate(of):
-        anywhere.insert(key, _ANYWHERE[n % _VARIABLES])
-    custom = gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(0), of, error)
-    return gtsam.LinearContainerFactor(custom.linearize(anywhere))
+    x, h, d = _NO_ROWS
+    # From factors of three variables each gtsam makes one of all sooner than Python can name all to it.
+    of_each = gtsam.GaussianFactorGraph()
+    for u, n in [*((u, slot) for u in users), *((u, after) for u in others)]:
+        pose, height, device = _keys((u,), n)
+        unit = gtsam.noiseModel.Unit.Create(0)
+        of_each.push_back(gtsam.JacobianFactor(pose, x, height, h, device, d, np.zeros(0), unit))
+    return gtsam.LinearContainerFactor(gtsam.JacobianFactor(of_each))
 
 
 def _key_list(of: Iterable[int]) -> gtsam.KeyList:
