@@ -11,7 +11,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.incremental.contradictions import Contradictions
 from synchronizar.estimation.incremental.kept import kept, restore_kept
-from synchronizar.estimation.incremental.members import Members
+from synchronizar.estimation.incremental.members import Joint, Members
 from synchronizar.estimation.incremental.range_log import RangeLog
 from synchronizar.estimation.incremental.roster import Roster
 from synchronizar.estimation.incremental.snapshot import Found
@@ -66,14 +66,14 @@ class Following:
             tracking.add(self._log.to_follow(rows[followed[i] & followed[j]]))
         try:
             tracking.advance(self._roster.now, self._roster.doubted())
-            self._look(self.members)
+            self._look(None if self.members is None else self.members.joint)
         except RuntimeError:  # gtsam: the graph is singular, which no prior lets happen; all are looked for anew
             self.give_up()
             return
         self.contradictions.add(tracking.take_innovations(self.spread), self._roster.now)
         self.place_members()
 
-    def _look(self, before: Members | None = None) -> None:
+    def _look(self, before: Joint | None = None) -> None:
         """What the graph tells of all members; `before`: what it told last. Raises RuntimeError if it is singular."""
         self.members = Members(self.tracking, self._roster.reference, self.shift, before)
 
@@ -197,6 +197,7 @@ class Following:
             "innovations": self.contradictions.recent,
             "suspected": sorted(self.contradictions.suspected),
             "tracking": self.tracking.state(),
+            "joint": None if self.members is None else self.members.joint,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -205,4 +206,4 @@ class Following:
         self.contradictions.restore(state["innovations"], frozenset(state["suspected"]))
         self.tracking.restore(state["tracking"])
         if self.tracking.members:
-            self._look()
+            self._look(state["joint"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,27 +49,37 @@ class _One:
 
 
 MANY = 12
-"""Of more members the joint covariance is asked once a slot, since it costs the cube of how many there are; and one is
-proven by a window, since a longer walk of so many would be searched for too long."""
+"""Of more members one is proven by a window, since a longer walk of so many would be searched for too long."""
+
+
+class Joint(NamedTuple):
+    """A joint covariance, and of whom."""
+
+    at: list[tuple[int, int]]
+    """m users, by their index, and the slot of each."""
+    covariance: Array
+    """(m, 7, m, 7) x, y, height, yaw, log scale, bias, clock of each; all in the graph's frame."""
 
 
 class Members:
     """What the graph tells of all members at one moment."""
 
-    def __init__(self, tracking: Tracking, reference: int, shift: Array, before: Members | None = None) -> None:
+    def __init__(self, tracking: Tracking, reference: int, shift: Array, before: Joint | None = None) -> None:
         """`shift` (3,) m: where the graph's origin lies in the common frame.
 
-        `before`: what it told last. Of many at the same slots as then it tells the same covariance, which ranges have
-        made a little smaller since.
+        `before`: what it told last. Of users at the same slots as then it tells the same covariance, which ranges have
+        made a little smaller since: it is asked once a slot, for it costs the cube of how many there are.
         """
         self.tracking, self.reference, self._shift = tracking, reference, shift
-        self._joint: Array
         self.order = sorted(tracking.members)
         self._row = {u: n for n, u in enumerate(self.order)}
-        at = self._at = [(u, tracking.members[u].slot) for u in self.order]
-        if before is not None and len(at) > MANY and before._at == at:
-            self._joint = before._joint
-            return
+        at = [(u, tracking.members[u].slot) for u in self.order]
+        self.joint = before if before is not None and before.at == at else self._asked(at)
+        self._joint = self.joint.covariance
+
+    def _asked(self, at: list[tuple[int, int]]) -> Joint:
+        """The joint covariance as the graph has it now. Raises RuntimeError where it is singular."""
+        tracking = self.tracking
         size = len(self.order)
         yaw = np.array([tracking.members[u].state[2] for u in self.order])
         turn = _order(size).copy()
@@ -77,7 +88,7 @@ class Members:
         turn[x + 1, x] = np.sin(yaw)
         turn[x, x + 1] = -turn[x + 1, x]
         joint: Array = turn @ tracking.follower.covariance(at) @ turn.T
-        self._joint = joint.reshape(size, _TANGENT, size, _TANGENT)
+        return Joint(at, joint.reshape(size, _TANGENT, size, _TANGENT))
 
     def frame(self, user: int) -> Array:
         """(4,) x, y, z, yaw of a member at the begin of its newest slot, in the graph's frame."""

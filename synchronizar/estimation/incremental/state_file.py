@@ -25,6 +25,7 @@ from synchronizar.errors import InputError, os_faults
 from synchronizar.estimation.incremental.cues import Cue
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.innovations import Innovations
+from synchronizar.estimation.incremental.members import Joint
 from synchronizar.estimation.incremental.slot_states import SlotTable
 from synchronizar.estimation.incremental.snapshot import Candidate, Found, FoundRanges, FoundUser, SlotPoses
 from synchronizar.estimation.incremental.standing import Placed, Standing
@@ -34,13 +35,13 @@ from synchronizar.graph.follower import FollowerState, LinearRows
 from synchronizar.graph.slot_factors import Joining, SlamStep
 from synchronizar.parameters import Parameters
 
-_FORMAT = 7
+_FORMAT = 8
 _HEADER = "header"
 _RECORDS: dict[str, type] = {
     record.__name__: record
     for record in (
-        *(Candidate, Cue, FollowerState, Found, FoundRanges, FoundUser, Innovations, Joining, LinearRows, NewRanges),
-        *(Placed, SlamStep, SlotPoses, SlotTable, Standing, Tracked, User, Verdict),
+        *(Candidate, Cue, FollowerState, Found, FoundRanges, FoundUser, Innovations, Joining, Joint, LinearRows),
+        *(NewRanges, Placed, SlamStep, SlotPoses, SlotTable, Standing, Tracked, User, Verdict),
     )
 }
 _MALFORMED = (
