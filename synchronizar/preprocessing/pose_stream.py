@@ -166,6 +166,7 @@ class PoseStream:
         self._parameters = parameters
         self._frozen_after = parameters.diagnosis.frozen_duration
         self._gap = parameters.diagnosis.stray_gap
+        self._longest_gap = parameters.slam.longest_pose_gap
         self._guard: StampGuard[_Pose] = StampGuard(parameters)
         self.faults = 0
         """How many poses were no numbers."""
@@ -190,6 +191,8 @@ class PoseStream:
         self._forgotten = 0
         self._count = 0  # of rows, those pending among them
         self._decided = 1  # rows whose steps are known to be jumps or none; the first has no step
+        self.resumed_at = -math.inf
+        """s: stamp of the first pose after it last told nothing for longer than `slam.longest_pose_gap`."""
         self._t, self._same_since = -math.inf, -math.inf
         self._x = self._y = self._z = math.nan
         self._qx = self._qy = self._qz = 0.0
@@ -260,6 +263,8 @@ class PoseStream:
     def _take(self, t: float, x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float) -> None:
         """A sound pose after all others."""
         dt = t - self._t
+        if self._longest_gap < dt < math.inf:
+            self.resumed_at = t
         dx, dy, dz = x - self._x, y - self._y, z - self._z
         if dx == dy == dz == 0.0 and qx == self._qx and qy == self._qy and qz == self._qz and qw == self._qw:
             if not self._stands and t - self._same_since >= self._frozen_after:
@@ -740,7 +745,9 @@ _REASONS: tuple[Literal["stray", "frozen"], ...] = ("stray", "frozen")
 _SUSPICIONS: tuple[Literal["jump", "frozen"], ...] = ("jump", "frozen")
 _QUANTILES = ("_intervals", "_position_errors", "_attitude_errors", "_lengths", "_turns")
 _NUMBERS = (
+    "resumed_at",
     *("faults", "repeated", "set_aside", "suspicions", "_forgotten", "_count", "_decided", "_t", "_same_since"),
+    "resumed_at",
     *("_x", "_y", "_z", "_qx", "_qy", "_qz", "_qw", "_vx", "_vy", "_vz", "_worst", "_least_dot", "_gate"),
     *("_check_at", "_search_at", "_check_count", "_stands", "_froze", "_stops"),
     *("_level_vertical", "_own_vertical", "_segment_since"),

@@ -182,3 +182,12 @@ def test_the_common_frame_stays_when_swapped_radios_speak_against_the_reference(
     for course in walk(("swapped radios", 20)).courses:
         longest, _ = course_off(course)
         assert longest < 1.0, course.name
+
+
+@pytest.mark.parametrize("kind", ["new session", "swapped radios"])
+def test_nobody_is_told_as_registered_for_long_where_it_is_not(kind: str) -> None:
+    """SLAM begins anew after a pause and does not say so; two wear each other's radio, and the reference is blamed."""
+    for course in walk((kind, 0)).courses:
+        longest, _ = course_off(course)
+        assert longest < 1.0
+        assert course.registered[course.t > 65.0].all()

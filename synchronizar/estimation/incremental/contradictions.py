@@ -58,6 +58,12 @@ class Contradictions:
         """Remember just these."""
         self._recent, self.suspected = recent, suspected
 
+    def confirms(self, user: int, since: float) -> bool:
+        """Whether a user's ranges since then tell that it is where it is followed to be: as many as tell anything."""
+        own = (self._recent.t >= since) & (self._recent.users == user).any(axis=1)
+        fits = np.abs(self._recent.whitened[own]) < self._parameters.integrity.innovation_sigmas
+        return len(fits) >= self._parameters.integrity.innovation_fewest and float(fits.mean()) > 0.5
+
     def found(self, now: float, gauge: int, trusted: frozenset[int]) -> Contradicted | None:
         """The users whose latest ranges contradict them, and why; None: there are none.
 

@@ -148,6 +148,10 @@ class Following:
             self._look()
         except RuntimeError:
             self.give_up(but=user)
+            return
+        if self.tracking.moved() > self._roster.parameters.integrity.largest_error:
+            # What is left tells another story than all together: not one of the rest is known by itself.
+            self.give_up(but=user)
 
     def give_up(self, but: int | None = None) -> None:
         """Follow nobody any more: what the graph knew is lost. What becomes of one user, the caller says."""

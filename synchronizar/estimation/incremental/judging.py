@@ -33,6 +33,7 @@ class Judging:
 
     def advance(self) -> None:
         """At any time who is contradicted; once a slot what is forgotten, and who is still registered."""
+        self._confirm()
         if self._following.members is not None and self._contradict():
             return
         tracking, now = self._following.tracking, self._roster.now
@@ -46,6 +47,17 @@ class Judging:
         if slot != self._judged and members is not None:
             self._judged = slot
             self._judge(members)
+
+    def _confirm(self) -> None:
+        """After a pause SLAM may go on in another frame: nobody relies on it until ranges have told."""
+        roster, clock = self._roster, self._following.tracking.assumed_clock
+        for user, (stream, standing) in enumerate(zip(roster.streams, roster.standings, strict=True)):
+            if stream is not None and stream.resumed_at > standing.resumed_at:
+                standing.resumed_at = stream.resumed_at
+                standing.unconfirmed_since = stream.resumed_at - float(clock[user]) if standing.is_registered else None
+            since = standing.unconfirmed_since
+            if since is not None and self._following.contradictions.confirms(user, since):
+                standing.unconfirmed_since = None
 
     def _contradict(self) -> bool:
         """Whether the latest ranges contradict some: these are looked for in what comes from now on."""

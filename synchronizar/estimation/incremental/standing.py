@@ -61,6 +61,10 @@ class Standing:
     """s: when its ranges contradicted it last."""
     contradicted: bool = False
     """Whether it is the reference and its ranges contradict it: then nobody is registered."""
+    unconfirmed_since: float | None = None
+    """s: since its SLAM went on after a pause, and its ranges have not told yet that its frame is the same."""
+    resumed_at: float = -inf
+    """s, its own clock: the last such pause that was noticed."""
     lifted: bool = False
     """Whether it went up or down and its SLAM did not: the prior of its origin's height holds no more."""
     progress: float = 0.0
@@ -76,3 +80,4 @@ class Standing:
         self.state, self.reason, self.since = state, reason, now
         self.registered_at, self.steady_since, self.proven = None, None, False
         self.placed, self.verdict, self.cue, self.progress = None, None, None, 0.0
+        self.unconfirmed_since = None

@@ -483,6 +483,12 @@ class Tracking:
         self.slots.drop(user)
         self._forget_made()
 
+    def moved(self) -> float:
+        """m: how far the graph's estimates lie from where members were told to be last, at most, in the plane."""
+        states = self.follower.states([(user, tracked.slot) for user, tracked in self.members.items()])
+        told = np.array([tracked.state for tracked in self.members.values()])
+        return float(np.hypot(*(states - told)[:, :2].T).max())
+
     def forget(self, before: int) -> list[int]:
         """Slots before `before` are marginalised out; returns users who had no later one: they are followed no more."""
         self.follower.marginalize(before)
