@@ -6,6 +6,7 @@ const browser = [
   ...["console", "crypto", "devicePixelRatio", "document", "fetch", "getComputedStyle", "globalThis", "innerHeight"],
   ...["innerWidth", "location", "matchMedia", "navigator", "performance", "queueMicrotask", "requestAnimationFrame"],
   ...["sessionStorage", "setInterval", "setTimeout", "localStorage", "AudioContext", "GainNode", "OscillatorNode"],
+  ...["Image", "RTCPeerConnection", "atob"],
 ];
 const readonly = (names) => Object.fromEntries(names.map((name) => [name, "readonly"]));
 

@@ -2,13 +2,16 @@
 
 import { serverAddress } from "./visit.js";
 
-/** Its export `begin`, or null where it has nothing for that page. `app`: its name, as `welcome` says it. */
+/**
+ * Its exports: `begin`, null where it has nothing for that page, and `features`, what of WebXR it wants. `app`: its name,
+ * as `welcome` says it.
+ */
 export async function appLayer(app, page) {
-  if (!app) return null;
+  const nothing = { begin: null, features: [] };
+  if (!app) return nothing;
   try {
-    const { begin } = await import(new URL(`apps/${encodeURIComponent(app)}/${page}.js`, serverAddress()).href);
-    return begin ?? null;
+    return { ...nothing, ...(await import(new URL(`apps/${encodeURIComponent(app)}/${page}.js`, serverAddress()).href)) };
   } catch {
-    return null;
+    return nothing;
   }
 }

@@ -74,7 +74,7 @@ function refresh() {
 
 async function showApp(name) {
   if (app || !name) return;
-  const begin = await appLayer(name, "room");
+  const { begin } = await appLayer(name, "room");
   if (app || !begin) return;
   byId("app").hidden = false;
   app = begin({ client, model, panel: byId("app") });

@@ -16,6 +16,7 @@ import { Holding } from "./holding.js";
 import { Objects } from "./objects.js";
 import { Overlay } from "./overlay.js";
 import { OwnFrame } from "./own_frame.js";
+import { Picture } from "./picture.js";
 import { ArSession } from "./session.js";
 import { Stage } from "./stage.js";
 
@@ -26,6 +27,7 @@ const REDRAW_MS = 200;
 const code = codeOf();
 const { name, resume } = recalled(code);
 const banner = new Banner(byId("banner"));
+let layer = null;
 
 async function prepare() {
   say(byId("title"), name ? `Walk into room ${spelled(code)} as ${name}` : "Walk in");
@@ -41,8 +43,21 @@ async function prepare() {
     location.replace(addressOf("room", code));
     return;
   }
-  byId("enter").disabled = false;
   byId("enter").addEventListener("click", walk);
+  try {
+    layer = await appLayer(await appOfRoom(), "phone");
+  } catch (error) {
+    if (!(error instanceof JoinError)) throw error; // the click says what is wrong
+  }
+  byId("enter").disabled = false;
+}
+
+/** What is done in the room: AR is asked for what that wants, and can be asked once only, within the click. */
+async function appOfRoom() {
+  const client = new RoomClient({ server: serverAddress(), room: code });
+  const { app } = await client.connect();
+  client.close();
+  return app;
 }
 
 async function walk() {
@@ -70,6 +85,7 @@ class Visit {
   #anchors = new Anchors(this.#session);
   #objects = new Objects(this.#client, this.#stage.common, this.#stage.scene, this.#holding, this.#anchors);
   #overlay = new Overlay({ leave: () => this.end(true), mark: () => this.mark() });
+  #picture = new Picture(this.#stage);
   #app = null;
   #own = null;
   #placing = null;
@@ -94,9 +110,11 @@ class Visit {
     document.body.append(this.#stage.renderer.domElement);
     this.#listen();
     // A browser starts AR from within a click only, so that comes first.
-    await this.#session.start(this.#stage.renderer, byId("overlay"), (time) => this.#draw(time));
+    const draw = (...frame) => this.#draw(...frame);
+    await this.#session.start(this.#stage.renderer, byId("overlay"), draw, layer?.features);
     const { app } = await this.#client.connect();
-    await this.#beginApp(app);
+    layer ??= await appLayer(app, "phone");
+    this.#beginApp();
     remember(code, { resume: this.#client.resume });
     byId("start").hidden = true;
     this.#overlay.show(true);
@@ -105,10 +123,9 @@ class Visit {
   }
 
   /** What is done in the room draws and hears as well. */
-  async #beginApp(app) {
-    const begin = await appLayer(app, "phone");
-    if (!begin) return;
-    this.#app = begin({
+  #beginApp() {
+    if (!layer.begin) return;
+    this.#app = layer.begin({
       client: this.#client,
       name,
       common: this.#stage.common,
@@ -117,6 +134,7 @@ class Visit {
       frame: this.#frame,
       own: () => this.#own,
       registered: () => this.#frame.registered,
+      picture: this.#picture,
     });
     globalThis.synchronizar.app = this.#app;
     this.#objects.leave(this.#app.kinds ?? new Set());
@@ -134,6 +152,7 @@ class Visit {
     clearInterval(this.#timer);
     this.#app?.end?.();
     this.#session.end()?.catch(() => {});
+    this.#picture.dispose();
     this.#stage.renderer.domElement.remove();
     this.#stage.renderer.dispose();
     this.#overlay.show(false);
@@ -200,7 +219,7 @@ class Visit {
     banner.show(text, "note", { label: "Go on", go: () => location.reload() });
   }
 
-  #draw(time) {
+  #draw(time, frame, space) {
     const dt = this.#drawnAt === null ? 0 : Math.min(0.2, Math.max(0, (time - this.#drawnAt) / 1000));
     this.#drawnAt = time;
     const placing = this.#frame.step(dt, this.#stage.inView);
@@ -209,6 +228,7 @@ class Visit {
     const { roomTime } = this.#client;
     if (roomTime !== null) this.#avatars.update(roomTime, this.#frame.opacity);
     this.#objects.update(dt, roomTime, this.#frame.opacity, placing, this.#own?.position ?? [0, 0, 0]);
+    this.#app?.frame?.(frame, space, time);
     this.#app?.update?.(dt, roomTime);
     this.#stage.draw();
   }

@@ -2,6 +2,8 @@
 
 /** s without a pose after which SLAM is taken to have lost track. */
 const LOST_S = 0.5;
+/** How depth is asked for: to be read by the page. */
+const DEPTH = { usagePreference: ["cpu-optimized"], dataFormatPreference: ["luminance-alpha", "float32"] };
 /** A second: poses that are sent, at most. */
 const MOST_POSES = 62;
 
@@ -22,18 +24,20 @@ export class ArSession extends EventTarget {
   }
 
   /**
-   * Ask for a session, from within a click. `overlay`: an element that stays on top where the browser can do that.
-   * Throws what the browser throws. Events: `pose` ({t, position, quat_xyzw}: axes of WebXR, t in ms by the page's
+   * Ask for a session, from within a click. `overlay`: an element that stays on top where the browser can do that;
+   * `features`: of WebXR, what is wanted besides, as far as the device has it. Throws what the browser throws. Events: `pose` ({t, position, quat_xyzw}: axes of WebXR, t in ms by the page's
    * clock), `reset` (another frame from now on), `lost`, `found`, `selectstart`, `selectend`, `end`; and of hands, which
    * are fingers on the screen and controllers, `take`, `hold` with each frame, and `let` ({hand, t, position, quat_xyzw}:
    * of its ray, along its -z).
    */
-  async start(renderer, overlay, draw) {
-    const session = await navigator.xr.requestSession("immersive-ar", {
+  async start(renderer, overlay, draw, features = []) {
+    const wanted = {
       requiredFeatures: ["local"],
-      optionalFeatures: ["dom-overlay", "anchors"],
+      optionalFeatures: ["dom-overlay", "anchors", ...features],
       domOverlay: { root: overlay },
-    });
+    };
+    if (features.includes("depth-sensing")) wanted.depthSensing = DEPTH;
+    const session = await navigator.xr.requestSession("immersive-ar", wanted);
     this.#session = session;
     // A touch beside the overlay's buttons, or a headset's trigger.
     for (const type of ["selectstart", "selectend"]) {
@@ -64,7 +68,7 @@ export class ArSession extends EventTarget {
       this.#pose(time, frame);
       this.#follow(frame);
       for (const hand of this.#hands) this.#hand("hold", frame, hand, time);
-      draw(time);
+      draw(time, frame, this.#space);
     });
   }
 
