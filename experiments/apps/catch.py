@@ -127,9 +127,9 @@ async def program(address: str, recording: Recording, name: str, began: float, r
         try:
             async for word in client.messages():
                 stage.hear(word)
-                if score := stage.objects.get(SCORE):
+                if score := client.objects.get(SCORE):
                     result["score"] = score.data
-                ball = stage.objects.get(BALL)
+                ball = client.objects.get(BALL)
                 if name in stage.players:
                     result.setdefault(f"{name} registered", time.time() - began)
                 if ball is None or ball.data["phase"] != "held" or ball.data["by"] != name:

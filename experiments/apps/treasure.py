@@ -56,10 +56,10 @@ async def day(
             async with asyncio.timeout(seconds):
                 async for word in client.messages():
                     stage.hear(word)
-                    score = stage.objects.get(SCORE)
+                    score = client.objects.get(SCORE)
                     if score is not None and score.data["found"] and out["found"] is None:
                         out["found"] = time.time() - began
-                    known = [o for o in stage.objects.values() if o.kind == THING]
+                    known = [o for o in client.objects.values() if o.kind == THING]
                     t = stage.t - began
                     if (
                         wanted < coins
