@@ -28,6 +28,8 @@ class RobotClient:
         self.pilot = Pilot()
         self.asked: Twist | None = None
         """What it was told last; None while it has no orders, and whoever else drives it is left alone."""
+        self.at: Ground | None = None
+        """Where its odometry has it in the common frame, at the last decision."""
 
     async def run(self) -> None:
         """Until the room ends the connection; the robot then stands still."""
@@ -101,8 +103,8 @@ class RobotClient:
         if frame is None:
             return STOP
         position, quat = placed(frame, odometry.position, odometry.quat_xyzw)
-        at = Ground(position[0], position[1], heading_of(Player(self._name, position, quat, "z").forward))
-        return self.pilot.twist(odometry.t + offset, at)
+        self.at = Ground(position[0], position[1], heading_of(Player(self._name, position, quat, "z").forward))
+        return self.pilot.twist(odometry.t + offset, self.at)
 
 
 def _ground(pose: PoseDown, member: m.Member) -> Ground:

@@ -36,6 +36,8 @@ class Pilot:
         """Whose image it is, or to whom it comes."""
         self.mirror: Mirror | None = None
         """Where it mirrors; None: it comes to `whom`."""
+        self.goal: Ground | None = None
+        """Where it last wanted to be."""
         self._seen: dict[str, _Seen] = {}
         self._state, self._sigma, self._heard = "disconnected", inf, -inf
 
@@ -57,7 +59,9 @@ class Pilot:
             return STOP
         self._seen = {name: seen for name, seen in self._seen.items() if t - seen.places[-1][0] < _FORGOTTEN_S}
         people = {name: _now(seen, t) for name, seen in self._seen.items()}
-        return steer(at, self._goal(at, people), list(people.values()), self._sigma, p)
+        goal = self._goal(at, people)
+        self.goal = None if goal is None else goal.ground
+        return steer(at, goal, list(people.values()), self._sigma, p)
 
     def _goal(self, at: Ground, people: dict[str, Person]) -> Goal | None:
         if self.whom is None or self.whom not in people:
