@@ -47,7 +47,7 @@ STARTS = Ground(3.5, 3.5, -2.4)
 OPERATOR = Twist(0.35, 0.45)
 """How somebody drives it until it is registered: in a circle, as people walk in."""
 TICK_S = 1.0 / 30.0
-JUDGED_AFTER_S = 4.0
+JUDGED_AFTER_S, ASKED_EVERY_S = 4.0, 1.0
 FREE_M = 1.3
 """m from everybody, about: nearer it does not go."""
 OFF, OFF_HEADING, FREE = "off the image, m", "off its heading, degrees", "free"
@@ -74,7 +74,7 @@ async def run(simulation: Simulation, address: str, udp_port: int, seed: int) ->
         robot = RobotClient(clients[ROBOT], ROBOT, body)
         tasks = [asyncio.create_task(listen(clients[name])) for name in names]
         tasks.append(asyncio.create_task(robot.run()))
-        began, mirror = time.time(), None
+        began, mirror, asked_again = time.time(), None, 0.0
         while (t := time.time() - began) < simulation.scene.seconds:
             await walkers.go_on(began, t)
             air.place(keys[ROBOT].address, t, np.array([drive.truth.x, drive.truth.y, RADIO_M]))
@@ -84,12 +84,16 @@ async def run(simulation: Simulation, address: str, udp_port: int, seed: int) ->
             people = [_ground(simulation, name, t) for name in names]
             out["nearest"] = min(out["nearest"], *(np.hypot(p.x - drive.truth.x, p.y - drive.truth.y) for p in people))
             frames = clients[names[0]].frames.users
-            if mirror is None and len(frames) == len(keys) and all(f.state == "registered" for f in frames.values()):
-                out["registered"], mirror = t, mirror_between(people[0], drive.truth)
-                await clients[names[0]].say_message(m.Say("mirror", {"robot": ROBOT}, m.APP))
-            elif mirror is None:
+            if robot.pilot.mirror is not None and mirror is None:
+                out["mirrors"], mirror = t, mirror_between(people[0], drive.truth)
+            elif mirror is None and len(frames) == len(keys) and all(f.state == "registered" for f in frames.values()):
+                out["registered"] = out["registered"] or t
+                if t >= asked_again:  # as a person touches the button again where nothing comes of it
+                    asked_again = t + ASKED_EVERY_S
+                    await clients[names[0]].say_message(m.Say("mirror", {"robot": ROBOT}, m.APP))
+            if mirror is None:
                 await body.command(OPERATOR)
-            elif t - out["registered"] > JUDGED_AFTER_S and robot.pilot.mirror is not None:
+            elif t - out["mirrors"] > JUDGED_AFTER_S and robot.pilot.mirror is not None:
                 person = _by_the_room(simulation, clients[names[0]], names[0], t)
                 out["images"].append(
                     _beside(mirror, people, drive.truth) | _parts(mirror, people[0], person, robot, drive.truth)

@@ -42,6 +42,8 @@ class DriveLimits:
     """rad/s."""
     linear_acceleration: float = 3.0
     """m/s^2."""
+    braking: float = 6.0
+    """m/s^2: slower or back."""
     angular_acceleration: float = 12.0
     """rad/s^2."""
     silence: float = 0.2
@@ -72,7 +74,9 @@ class Drive:
         limits = self.limits
         self._silent += dt
         asked = STOP if self._silent > limits.silence else self._asked
-        linear = _toward(self.twist.linear, _held(asked.linear, limits.linear), limits.linear_acceleration * dt)
+        wanted, goes = _held(asked.linear, limits.linear), self.twist.linear
+        faster = wanted * goes >= goes * goes
+        linear = _toward(goes, wanted, (limits.linear_acceleration if faster else limits.braking) * dt)
         angular = _toward(self.twist.angular, _held(asked.angular, limits.angular), limits.angular_acceleration * dt)
         self.twist = Twist(linear, angular)
         self.truth = _moved(self.truth, linear * dt, angular * dt)

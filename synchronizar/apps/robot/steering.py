@@ -21,17 +21,17 @@ Plane = tuple[float, float]
 class SteeringParameters:
     """How it moves among people."""
 
-    ahead: float = 0.2
+    ahead: float = 0.15
     """m from the axle to the point that is steered."""
-    speed: float = 0.8
+    speed: float = 1.0
     """m/s, towards a goal."""
     retreat: float = 1.0
     """m/s, away from who comes."""
-    gain: float = 2.0
+    gain: float = 3.0
     """1/s: speed for a metre to the goal."""
     turning: float = 2.0
     """rad/s."""
-    arrived: float = 0.12
+    arrived: float = 0.08
     """m: so near to the goal it turns to the goal's heading."""
     slow: float = 0.1
     """m/s: a goal that moves less stands still."""
@@ -43,7 +43,7 @@ class SteeringParameters:
     """Sigmas of uncertainty that are kept besides (95 % in a plane lie within)."""
     largest_sigma: float = 0.4
     """m: who knows no better where it is stands still."""
-    stale: float = 0.25
+    stale: float = 0.18
     """s without news of the room after which it stands still."""
 
 
