@@ -236,11 +236,12 @@ def _serve(options: argparse.Namespace) -> None:
 def _play(options: argparse.Namespace) -> None:
     with _extra("live"):
         from synchronizar.live.play import play
+        from synchronizar.live.words_file import read_words
     import asyncio
 
     recording, _ = _loaded(options.recording)
     try:
-        answer = asyncio.run(play(recording, options.join, options.speed))
+        answer = asyncio.run(play(recording, options.join, options.speed, words=read_words(options.recording)))
     except ConnectionError as error:
         raise InputError(options.join.partition("#")[0], str(error)) from error
     from synchronizar.reporting.tables import answer_table

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Protocol
 
 from synchronizar.live import messages as m
 from synchronizar.live.member import Device
 from synchronizar.live.solver import Solver
 from synchronizar.live.solver_wire import AddUser, Command, Lost, NewFrame, Pose, Range
+from synchronizar.live.words_file import Word
 
 
 class Recorder(Protocol):
@@ -24,6 +26,9 @@ class Recorder(Protocol):
     ) -> None:
         """A range that the solver is given."""
 
+    def word(self, word: Word) -> bool:
+        """What was said or moved; False where it cannot be written any more."""
+
 
 class Given:
     """Hands on to whoever solves, and whoever records, one room. Times are the room's (s)."""
@@ -31,6 +36,7 @@ class Given:
     def __init__(self, recorder: Recorder | None) -> None:
         self.solver: Solver | None = None
         self._recorder = recorder
+        self._head: tuple[str | None, str | None] | None = None
 
     def user(self, device: Device) -> None:
         """Somebody comes."""
@@ -62,6 +68,21 @@ class Given:
         self._feed(Range(t, a.name, b.name, distance, optional))
         if self._recorder is not None:
             self._recorder.range(t, a.name, b.name, (a.session, b.session), distance, optional)
+
+    def words(self, app: str | None, reference: str | None, words: Iterable[Word]) -> bool:
+        """What was said or moved, while this is done and the common frame is this device's; no solver hears it.
+
+        False where it cannot be written any more.
+        """
+        recorder, kept = self._recorder, True
+        if recorder is None:
+            return True
+        for word in words:
+            if self._head != (app, reference):
+                self._head = app, reference
+                recorder.word(Word(word.t, app=app, reference=reference))
+            kept = recorder.word(word)
+        return kept
 
     def _feed(self, command: Command) -> None:
         if self.solver is not None:

@@ -16,19 +16,21 @@ class HandingOn:
     def __init__(self, people: People, now: Callable[[], float]) -> None:
         self._people, self._now = people, now
 
-    def say(self, client: Client, message: m.Say) -> None:
-        """To one device, to the application, or to all others."""
+    def say(self, client: Client, message: m.Say) -> m.Said:
+        """To one device, to the application, or to all others; what was said."""
         if m.data_too_large(message.data):
             raise MessageError("size", f"data has at most {m.LARGEST_DATA} bytes as JSON")
         # Who only looks may speak to the application, which knows what it lets people do.
         by = client.name if message.to == m.APP else self._people.speaker(client)
-        said = m.encode(m.Said(message.topic[: m.LONGEST_NAME], message.data, by))
+        word = m.Said(message.topic[: m.LONGEST_NAME], message.data, by)
+        said = m.encode(word)
         self._spend(client, said)
         if message.to is None:
             for other in self._people.clients - {client}:
                 other.outbox.put(said)
         else:
             self._people.client_of(message.to).outbox.put(said)
+        return word
 
     def signal(self, client: Client, message: m.Signal) -> None:
         """To another device, for a channel between the two."""

@@ -203,6 +203,20 @@ class Finish(_Message, tag="finish"):
     t: float
 
 
+class Again(_Message, tag="again"):
+    """Recorded time only: what became of an object in the recorded room, or was said there, in whoever's name.
+
+    The room's application, where there is one, ends with the first of these words.
+    """
+
+    object: Object | None = None
+    """As it then stood, `holder` and `t` included."""
+    removed: str | None = None
+    """Id of an object that was gone."""
+    said: Said | None = None
+    """To all."""
+
+
 class Create(_Message, tag="create"):
     """Puts an object into the room. It belongs to the room and stays when its creator leaves."""
 
@@ -286,6 +300,7 @@ FromClient = (
     | Module
     | Clock
     | Finish
+    | Again
     | Create
     | Grab
     | Move
@@ -425,6 +440,8 @@ class Pong(_FromRoom, tag="pong"):
     """What the ping said."""
     room_t: float
     """The room's clock when it came in."""
+    recorded: bool = False
+    """Whether a recording is played: what the room tells is of that one's time, which poses say, not of this clock."""
 
 
 class ModuleKey(_FromRoom, tag="module_key"):

@@ -54,6 +54,7 @@ class ObjectStore:
             o.id: msgspec.structs.replace(o, holder=kept if o.holder == APP else None, velocity=None) for o in objects
         }
         self._sizes = {o.id: data_size(o.data) for o in objects}
+        self._changed = dict.fromkeys(self.objects)
 
     def snapshot(self) -> Objects:
         """All that are placed."""
@@ -61,14 +62,9 @@ class ObjectStore:
 
     def create(self, message: Create, by: str, now: float, placed: Placed) -> Object:
         """A new one. Raises MessageError where it cannot be."""
-        _check_id(message.id)
-        _check_place(message.position, message.quat_xyzw)
-        if len(message.kind) > LONGEST_NAME:
-            raise MessageError("object", f"an object's kind has at most {LONGEST_NAME} characters")
         if message.id in self.objects:
             raise MessageError("object", f"there is an object {message.id!r} already: choose another id")
-        if len(self.objects) >= MOST_OBJECTS:
-            raise MessageError("object", f"there are {MOST_OBJECTS} objects already: remove some first")
+        self._check(message)
         self._keep_data(message.id, message.data)
         position, quat, waits = message.position, message.quat_xyzw, None
         if message.user is not None:
@@ -84,6 +80,16 @@ class ObjectStore:
             self._hold(made.id, by, now)
         self._note(made)
         return made
+
+    def put(self, was: Object) -> None:
+        """An object as it stood in a recording, whoever held it then. Raises MessageError where it cannot be."""
+        self._check(was)
+        if was.velocity is not None:
+            _check_place(was.velocity, was.quat_xyzw)
+        self._keep_data(was.id, was.data)
+        self._leases.pop(was.id, None)
+        self.objects[was.id] = was
+        self._note(was)
 
     def place_waiting(self, placed: Placed, now: float) -> None:
         """Put down those that waited for a device which is registered now."""
@@ -129,6 +135,11 @@ class ObjectStore:
     def remove(self, id_: str, by: str) -> None:
         """It is gone. Raises MessageError where somebody else holds it."""
         self._free(id_, by)
+        self.drop(id_)
+
+    def drop(self, id_: str) -> None:
+        """It is gone, whoever held it. Raises MessageError where there is none."""
+        self._known(id_)
         del self.objects[id_], self._sizes[id_]
         self._leases.pop(id_, None)
         self._changed.pop(id_, None)
@@ -154,6 +165,15 @@ class ObjectStore:
         out = Objects(self.version, [o for o in changed if o.waits_for is None], self._removed)
         self._changed, self._removed = {}, []
         return out if out.changed or out.removed else None
+
+    def _check(self, what: Create | Object) -> None:
+        """Raises MessageError where an object cannot be so."""
+        _check_id(what.id)
+        _check_place(what.position, what.quat_xyzw)
+        if len(what.kind) > LONGEST_NAME:
+            raise MessageError("object", f"an object's kind has at most {LONGEST_NAME} characters")
+        if what.id not in self.objects and len(self.objects) >= MOST_OBJECTS:
+            raise MessageError("object", f"there are {MOST_OBJECTS} objects already: remove some first")
 
     def _hold(self, id_: str, by: str, now: float) -> None:
         if by != APP:

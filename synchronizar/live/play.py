@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from math import isfinite
 from typing import Any
 
@@ -15,6 +16,7 @@ from synchronizar.geometry import YawFrame
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client
 from synchronizar.live.pose_wire import PosesDown
+from synchronizar.live.words_file import Word
 
 
 async def play(
@@ -22,15 +24,18 @@ async def play(
     address: str,
     speed: float = 1.0,
     told: Callable[[m.Frames], None] | None = None,
+    words: Iterable[Word] = (),
 ) -> dict[str, Any]:
     """Play at `speed` times the speed at which it was recorded; the room's answer, a registration.json object.
+
+    `words`: what was said and moved in the recorded room, which comes again at its moments and changes no answer.
 
     The room goes by the recording's time, and so its answer does not depend on the speed. Raises InputError where the
     room cannot be joined, ConnectionError where it ends before the answer.
     """
     users = {user.name: _settings(user) for user in recording.users}
     async with await Client.join(address, users, time="recorded") as client:
-        saying = asyncio.create_task(_say(client, recording, speed))
+        saying = asyncio.create_task(_say(client, recording, speed, words))
         try:
             async for message in _until_ended(client, saying):
                 if isinstance(message, m.Answer):
@@ -49,11 +54,11 @@ async def _until_ended(client: Client, saying: asyncio.Task[None]) -> AsyncItera
         yield message
 
 
-async def _say(client: Client, recording: Recording, speed: float) -> None:
+async def _say(client: Client, recording: Recording, speed: float, words: Iterable[Word]) -> None:
     """Everything in the order of time, a tenth of a second at once, and what time it is after each."""
     loop = asyncio.get_running_loop()
     began, first = loop.time(), None
-    t = 0.0
+    t, waiting = 0.0, deque(words)
     for last, t, poses, ranges in _ticks(recording):
         first = t if first is None else first
         if (early := began + (t - first) / speed - loop.time()) > 0.0:
@@ -62,9 +67,19 @@ async def _say(client: Client, recording: Recording, speed: float) -> None:
             await client.send_poses(poses[at : at + 128])
         if ranges:
             await client.send_ranges(ranges)
+        while waiting and (last or waiting[0].t <= t):
+            if (again := _again(waiting.popleft())) is not None:
+                await client.say_message(again)
         if not last:
             await client.say_message(m.Clock(t))
     await client.say_message(m.Finish(t))
+
+
+def _again(word: Word) -> m.Again | None:
+    """What the room is told of a word; None of what was said to one alone."""
+    if word.object is not None or word.removed is not None:
+        return m.Again(object=word.object, removed=word.removed)
+    return m.Again(said=word.said) if word.said is not None and word.to is None else None
 
 
 _Poses = list[tuple[str, float, Any, Any]]

@@ -16,6 +16,7 @@ from synchronizar.errors import InputError, os_faults
 from synchronizar.io.ranges_csv import OPTIONAL, REQUIRED
 from synchronizar.io.recording_toml import write_recording_toml
 from synchronizar.live import messages as m
+from synchronizar.live.words_file import MOST_BYTES, WORDS_FILE, Word, line_of
 
 STATE_FILE = "solver.state"
 RESUME_FILE = "resume.json"
@@ -59,7 +60,7 @@ class FolderRecorder:
         with os_faults(folder):
             (folder / "tracks").mkdir(parents=True, exist_ok=True)
             (folder / "ranges.csv").touch()
-            for path in (folder / "ranges.csv", *(folder / "tracks").glob("*.tum")):
+            for path in (folder / "ranges.csv", *folder.glob(WORDS_FILE), *(folder / "tracks").glob("*.tum")):
                 self._files[path.relative_to(folder).as_posix()] = _File(_end_line(path))
         if self._files["ranges.csv"].size == 0:
             self._write("ranges.csv", ",".join(REQUIRED + OPTIONAL) + "\n")
@@ -86,6 +87,14 @@ class FolderRecorder:
             return
         values = [_text(optional[name]) if name in optional else "" for name in OPTIONAL]
         self._write("ranges.csv", f"{t:.9f},{written_as[0]},{written_as[1]},{distance!r},{','.join(values)}\n")
+
+    def word(self, word: Word) -> bool:
+        """What was said or moved; False where the file of it is full."""
+        file = self._files.get(WORDS_FILE)
+        if file is not None and file.size >= MOST_BYTES:
+            return False
+        self._write(WORDS_FILE, line_of(word))
+        return True
 
     def offsets(self) -> dict[str, int]:
         """Bytes of each file that hold all that was recorded until now."""
@@ -148,7 +157,7 @@ class FolderRecorder:
     def _write(self, name: str, line: str) -> None:
         if name not in self._files:
             self._files[name] = _File(0)
-            self._settings_changed = True
+            self._settings_changed = True  # a device may have its first pose
         file = self._files[name]
         file.lines.append(line)
         file.size += len(line.encode())

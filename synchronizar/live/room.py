@@ -11,6 +11,7 @@ import numpy as np
 
 from synchronizar.io.datagrams import RangesDatagram
 from synchronizar.live import messages as m
+from synchronizar.live.again import Again
 from synchronizar.live.checks import alike, check_stamp
 from synchronizar.live.common_frame import CommonFrame
 from synchronizar.live.fan_out import FanOut
@@ -30,6 +31,7 @@ from synchronizar.live.roster import KnownDevice, Roster
 from synchronizar.live.sleeping import Sleeping
 from synchronizar.live.solver import Solver
 from synchronizar.live.solver_wire import Told
+from synchronizar.live.words_file import MOST_BYTES, Word
 from synchronizar.parameters import SleepParameters
 
 UPDATES_A_SECOND = 10
@@ -80,6 +82,8 @@ class Room:
         """What its application says to be let in as such."""
         self._joining = Joining(self.people, self.time, self.given, None if app is None else self.app_secret)
         self._handing_on = HandingOn(self.people, now)
+        self.again = Again(self.people, self.objects)
+        self._words_kept = True
         self._status_at = self._asked_at = self._stood_at = -np.inf
         self._finishing: list[Client] = []
 
@@ -205,6 +209,8 @@ class Room:
         self.objects.expire(t)
         if (changes := self.objects.changes()) is not None:
             self.people.tell(changes)
+            words = [Word(t, object=changed) for changed in changes.changed]
+            self._write_down(words + [Word(t, removed=gone) for gone in changes.removed])
         self.fan_out.send(t)
         now = self.now()
         if now - self._status_at >= STATUS_EVERY or now < self._status_at:
@@ -241,6 +247,8 @@ class Room:
                 self._clock(client, message)
             case m.Finish():
                 self._finish(client, message)
+            case m.Again():
+                self.again.hear(client, message)
             case m.Create():
                 if message.user is not None:
                     people.own(client, message.user)
@@ -256,13 +264,19 @@ class Room:
             case m.Heartbeat():
                 pass
             case m.Say():
-                self._handing_on.say(client, message)
+                self._write_down([Word(t, said=self._handing_on.say(client, message), to=message.to)])
             case m.Signal():
                 self._signal(client, message)
             case m.Leave():
                 self._joining.leave(client)
             case m.Hello():
                 raise MessageError("hello", "hello is said once")
+
+    def _write_down(self, words: list[Word]) -> None:
+        kept = self.given.words(self.app, self.frames.reference, words)
+        if self._words_kept and not kept:
+            self.event(f"what is said and moved is recorded no more: its file has {MOST_BYTES // 2**20} MB")
+        self._words_kept = kept
 
     def _clock(self, client: Client, message: m.Clock) -> None:
         need_recorded(client)

@@ -62,6 +62,8 @@ class RoomHost:
         """What people do there runs from now on."""
         self._app = app
         app.start()
+        # A recording has its own.
+        self.room.again.begun = lambda: self._tasks.append(asyncio.create_task(app.close()))
 
     def resume(self, roster: Roster) -> None:
         """Go on where the room's folder ends. Raises InputError where it cannot be read."""

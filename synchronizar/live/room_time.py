@@ -69,7 +69,7 @@ class RoomTime:
             else:
                 device.clock.offer(ping.offset, ping.round_trip)
             device.clock.hear(ping.t, arrived)
-        client.outbox.put(m.encode(m.Pong(ping.t, arrived)))
+        client.outbox.put(m.encode(m.Pong(ping.t, arrived, bool(self.recorded))))
 
 
 def need_recorded(client: Client) -> None:

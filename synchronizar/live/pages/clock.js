@@ -3,6 +3,11 @@
 /** s over which the quickest word of each way is looked for. */
 const WINDOW_S = 16;
 
+/** s for which a recording goes on though nothing more has been heard. */
+const AHEAD_S = 0.2;
+/** s: what jumps so far is another recording's time, or the first of one. */
+const ANOTHER_S = 60;
+
 /** s, a clock that only goes forwards and goes on after a reload: what stamps poses, pings and ranges. */
 export function deviceNow() {
   return (performance.timeOrigin + performance.now()) / 1000;
@@ -30,6 +35,30 @@ class Lowest {
 
   get value() {
     return this.#kept.length ? this.#kept[0].value : null;
+  }
+}
+
+/** A recording's time, which goes as fast as whoever plays it lets it: by the moments of what was told. */
+export class PlayedClock {
+  #t = null;
+  #at = 0;
+  #rate = 1;
+  #last = null;
+
+  /** Something of the moment `t` of the recording came at `now`, by the device's clock. */
+  heard(t, now) {
+    if (t === this.#t) return;
+    // It begins: until then the room had another time.
+    if (this.#t !== null && Math.abs(t - this.#t) > ANOTHER_S) [this.#t, this.#rate, this.#last] = [null, 1, null];
+    if (this.#t !== null && now > this.#at) this.#rate += 0.2 * ((t - this.#t) / (now - this.#at) - this.#rate);
+    [this.#t, this.#at] = [t, now];
+  }
+
+  /** The moment that it is at `now`; null before anything was heard. It never goes back. */
+  at(now) {
+    if (this.#t === null) return null;
+    const ahead = Math.min(now - this.#at, AHEAD_S) * Math.max(0, this.#rate);
+    return (this.#last = Math.max(this.#last ?? -Infinity, this.#t + ahead));
   }
 }
 

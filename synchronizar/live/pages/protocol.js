@@ -13,7 +13,7 @@
  * A connection that breaks is made anew, as the same devices; what cannot be mended ends in `closed`.
  */
 
-import { ClockOffset, deviceNow } from "./clock.js";
+import { ClockOffset, PlayedClock, deviceNow } from "./clock.js";
 import { decodePoses, encodePose } from "./poses.js";
 import { WebTransportSocket } from "./webtransport.js";
 
@@ -82,6 +82,8 @@ export class RoomClient extends EventTarget {
   #heardAt = 0;
   #pings = 0;
   #clock = new ClockOffset();
+  #played = new PlayedClock();
+  #recorded = false;
   #sequence = 0;
   #held = new Map();
   #holding = false;
@@ -129,6 +131,7 @@ export class RoomClient extends EventTarget {
 
   /** Time by the room's clock, s; null before the first pong. */
   get roomTime() {
+    if (this.#recorded) return this.#played.at(this.now());
     const best = this.#clock.best;
     return best === null ? null : this.now() + best.offset;
   }
@@ -366,6 +369,7 @@ export class RoomClient extends EventTarget {
     if (this.#posesHeard !== null && ((sequence - this.#posesHeard) | 0) < 0) return;
     this.#posesHeard = sequence;
     this.#clock.heard(t, this.#heardAt);
+    this.#played.heard(t, this.#heardAt);
     for (const pose of poses) pose.name = this.members.get(pose.member)?.name;
     this.#tell("poses", { sequence, t, poses: poses.filter((pose) => pose.name !== undefined) });
   }
@@ -381,6 +385,7 @@ export class RoomClient extends EventTarget {
         break;
       case "pong":
         this.#clock.hear(message, this.now());
+        this.#recorded = message.recorded ?? false;
         break;
       case "members":
         this.#takeMembers(message.members);

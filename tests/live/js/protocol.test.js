@@ -4,6 +4,7 @@ import { mock, test } from "node:test";
 import { PAGES, fakeNetwork, settled, vectors, welcome } from "./support.js";
 
 const { JoinError, MOST_BUFFERED, RoomClient } = await import(new URL("protocol.js", PAGES));
+const { PlayedClock } = await import(new URL("clock.js", PAGES));
 const IDENTITY = [0, 0, 0, 1];
 
 /** A client whose clock and timers the test drives, connected unless `refused`. */
@@ -210,4 +211,19 @@ test("what a later room says is left alone and counted", async (t) => {
   assert.deepEqual(heard, ["events"]);
   assert.deepEqual([...client.notUnderstood], [["weather", 2], ["state", 1], ["malformed", 2], ["binary", 1]]);
   assert.equal(client.state, "open");
+});
+
+test("a recording's time goes as fast as it is played, from its first moment on, and never back", () => {
+  const clock = new PlayedClock();
+  assert.equal(clock.at(5), null);
+  clock.heard(1.7e9, 5); // before it is played a room has its own time
+  assert.equal(clock.at(5), 1.7e9);
+  for (let n = 0; n <= 20; n++) clock.heard(100 + 0.1 * n, 10 + 0.025 * n);
+  assert.equal(clock.at(10.5), 102);
+  assert.ok(Math.abs(clock.at(10.52) - 102.08) < 0.005);
+  clock.heard(102.1, 10.6);
+  assert.ok(clock.at(10.6) >= 102.1);
+  const stands = clock.at(60);
+  assert.ok(stands < 103);
+  assert.equal(clock.at(90), stands);
 });
