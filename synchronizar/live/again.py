@@ -19,7 +19,7 @@ class Again:
         self.begun: Callable[[], None] | None = None
         """Ends the room's application; hears it once."""
         self._people, self._objects = people, objects
-        self._goes_on = False
+        self.goes_on = False
 
     def hear(self, client: Client, message: m.Again) -> None:
         """Raises MessageError where it cannot be."""
@@ -33,9 +33,9 @@ class Again:
             self._say(client, message.said)
 
     def _begin(self) -> None:
-        if self._goes_on:
+        if self.goes_on:
             return
-        self._goes_on = True
+        self.goes_on = True
         for client in [client for client in self._people.clients if client.app]:
             client.outbox.close()
         for id_ in [o.id for o in self._objects.objects.values() if o.by == m.APP]:

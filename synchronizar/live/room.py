@@ -232,6 +232,8 @@ class Room:
 
     def _hear(self, client: Client, message: m.FromClient) -> None:
         people, t = self.people, self.time()
+        if client.app and self.again.goes_on:
+            raise MessageError("app", "a recording is played here, with what was done then")
         match message:
             case m.Ping():
                 self.time.answer(client, message)

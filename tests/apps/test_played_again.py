@@ -128,6 +128,9 @@ def test_who_plays_a_recording_says_again_what_became_of_objects_and_nobody_else
     assert "value" in refused(house.said_to(plays))
     house.room.hear(looks, m.Again(removed=BALL))
     assert "time" in refused(house.said_to(looks))
+    late = house.enter_app()
+    house.room.hear(late, m.Create("own", "ball", (0.0, 0.0, 0.0), hold=True))
+    assert house.room.objects.objects == {}
     live = House()
     ann, _ = live.enter("ann")
     live.room.hear(ann, m.Again(object=ball(1.0, "held").object))
