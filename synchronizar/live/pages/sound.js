@@ -25,6 +25,8 @@ export class Sound {
   /** Notes one after the other: [{hz, to, s, volume, shape}]; `to`: the pitch at its end. */
   play(notes) {
     if (!this.on || typeof AudioContext === "undefined") return;
+    // No browser lets a page be heard that nobody has touched yet.
+    if (navigator.userActivation?.hasBeenActive === false) return;
     this.#context ??= new AudioContext();
     this.#context.resume();
     let at = this.#context.currentTime;
