@@ -27,7 +27,7 @@ import numpy as np
 from experiments.apps.shown import LOG, SETTLED_S, Frame, Judged, Walker, frames_of, p95
 from experiments.common.markdown import markdown
 from experiments.live import browser
-from experiments.live.room import CRYSTAL_PPM, STAMP_SIGMA, TICK_S, drifting, own_axes, place_at, up_of
+from experiments.live.room import CRYSTAL_PPM, STAMP_SIGMA, TICK_S, drifting, place_at
 from experiments.live.walkers import server
 from synchronizar.apps.catch.game import BALL
 from synchronizar.apps.robot.__main__ import SETTINGS
@@ -182,7 +182,7 @@ class Game:
 
     async def _enter(self, stack: AsyncExitStack, where: dict[str, Any], name: str) -> tuple[int, str]:
         """A program: its session among modules and its module's key."""
-        settings = SETTINGS if name == ROBOT else {"up": up_of(self.simulation, name)}
+        settings = SETTINGS if name == ROBOT else {"up": "y"}
         client = await stack.enter_async_context(await Client.join(where["join"], {name: settings}))
         self.clients[name], self.stages[name] = client, Stage(client.welcome)
         await client.say_message(m.Module(name, NAMES.index(name)))
@@ -209,14 +209,14 @@ class Game:
         """A program says SLAM's poses, and plays."""
         client = self.clients[name]
         tasks = [asyncio.create_task(self._carries(air, name, key)), asyncio.create_task(self._plays(name))]
-        position, quat = own_axes(self.simulation, name)
+        table = browser.table(self.simulation.recording.tracks[name]).tolist()
         t = self.simulation.recording.tracks[name].t
         said = int(np.searchsorted(t, time.time() - self.began))
         try:
             while True:
                 upto = int(np.searchsorted(t, time.time() - self.began, side="right"))
-                rows = range(said, upto)
-                await client.send_poses([(name, self.began + t[i], position[i], quat[i]) for i in rows])
+                rows = table[said:upto]
+                await client.send_poses([(name, self.began + row[0], row[1:4], row[4:]) for row in rows])
                 said = upto
                 await asyncio.sleep(TICK_S)
         finally:

@@ -29,7 +29,7 @@ LONGEST_S = 0.25
 SETTLED_S = 0.5
 """s after which a ball that has changed hands has glided to its place."""
 
-# With each frame: [s of the phone's pose by the wall, the room's time, where the common frame is put, whether that is
+# With each frame: [s of the phone's pose by the wall, the room's time and what it is off, where the common frame is put, whether that is
 # sure, {id: place}, what the ball does, {name: of when somebody is shown}].
 LOG = """(what) => {
   const { app, avatars, client, frame } = synchronizar;
@@ -52,7 +52,8 @@ LOG = """(what) => {
     const shown = Object.fromEntries(Object.entries(others).map(([name, { t }]) => [name, t]));
     const ball = client.objects.get("catch ball")?.data ?? null;
     const sure = frame.registered && frame.opacity === 1;
-    drawn.push([wall, roomTime, [x, y, z, yaw, scale], sure, things, ball, shown]);
+    const early = roomTime - (performance.timeOrigin + performance.now()) / 1000;
+    drawn.push([wall, roomTime, early, [x, y, z, yaw, scale], sure, things, ball, shown]);
   };
 }"""
 
@@ -64,6 +65,8 @@ class Frame(NamedTuple):
     """s since 1970: of the phone's pose with which it was drawn."""
     t: float
     """s, by the room's clock, as the page knows it."""
+    early: float
+    """s: what the page takes for the room's time minus what that is, beside some microseconds of drawing."""
     placing: YawFrame
     """Where the page has put the common frame: `common_from_user`, z up."""
     sure: bool
@@ -78,8 +81,8 @@ class Frame(NamedTuple):
 def frames_of(rows: list[list[Any]]) -> list[Frame]:
     """Of what a page has noted."""
     return [
-        Frame(wall, t, YawFrame(*placing), sure, {id_: np.array(p) for id_, p in things.items()}, ball, shown)
-        for wall, t, placing, sure, things, ball, shown in rows
+        Frame(wall, t, early, YawFrame(*placing), sure, {id_: np.array(p) for id_, p in things.items()}, ball, shown)
+        for wall, t, early, placing, sure, things, ball, shown in rows
     ]
 
 
@@ -158,7 +161,7 @@ class Judged:
             if min(one.t, other.t) - told.t < SETTLED_S or not ("ball" in one.things and "ball" in other.things):
                 continue
             # Their frames are not of quite the same moment.
-            off = [frame.things["ball"] - told.at(frame.wall) for frame in (one, other)]
+            off = [frame.things["ball"] - told.at(frame.t - frame.early) for frame in (one, other)]
             out.append(float(np.linalg.norm(off[0] - off[1])))
         return out
 
