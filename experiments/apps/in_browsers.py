@@ -38,6 +38,7 @@ from synchronizar.apps.treasure.game import THING
 from synchronizar.data.track import Track
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client
+from synchronizar.live.pose_wire import PosesDown
 from synchronizar.live.stage import Stage
 from synchronizar.live.words_file import read_words
 from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternions
@@ -113,7 +114,7 @@ class Game:
         self.robot: list[tuple[float, float, float]] = []
         """t (s since 1970), x, y: where the robot was in truth."""
         self.things: dict[str, tuple[float, str]] = {}
-        """Of what was put down, when (s, the room's clock) and by whom."""
+        """Of what was put down, of when the pose was (s, the room's clock) at which it was, and by whom."""
         self.events: dict[str, float] = {}
         """s since the walk began, by what happened first then."""
         self.complaints: list[list[str]] = []
@@ -255,13 +256,17 @@ class Game:
         """A program that plays: it throws the ball to somebody, or puts coins down."""
         client, stage = self.clients[name], self.stages[name]
         acted = time.monotonic()
+        of_when: dict[str, float] = {}
         async for word in client.messages():
             stage.hear(word)
+            if isinstance(word, PosesDown):
+                of_when |= {stage.members[pose.member].name: word.t - pose.age for pose in word.poses}
             if name in stage.players:
                 self.events.setdefault(f"{name} registered", time.time() - self.began)
             for thing in stage.objects.values():
                 if thing.kind == THING and isinstance(thing.data, dict):
-                    self.things.setdefault(thing.id, (thing.t, thing.data["by"]))
+                    by = thing.data["by"]
+                    self.things.setdefault(thing.id, (of_when.get(by, thing.t), by))
             if self.app == "catch" and self._has_ball(stage, name):
                 self.events.setdefault(f"{name} has the ball", time.time() - self.began)
                 others = [player for other, player in stage.players.items() if other != name]

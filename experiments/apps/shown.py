@@ -29,8 +29,8 @@ LONGEST_S = 0.25
 SETTLED_S = 0.5
 """s after which a ball that has changed hands has glided to its place."""
 
-# With each frame: [s of the phone's pose by the wall, the room's time and what it is off, where the common frame is put, whether that is
-# sure, {id: place}, what the ball does, {name: of when somebody is shown}].
+# With each frame: [s of the phone's pose by the wall, the room's time and what it is off, where the common frame is,
+# whether that is sure, {id: place}, what the ball does, {name: of when somebody is shown}].
 LOG = """(what) => {
   const { app, avatars, client, frame } = synchronizar;
   globalThis.drawn = [];
