@@ -120,7 +120,7 @@ class Game:
         self.complaints: list[list[str]] = []
 
     async def play(self, where: dict[str, Any], look: Look | None = None) -> None:
-        """Until the walk's end. `look`: does something beside it, from when both pages are in place."""
+        """Until the walk's end. `look`: does something beside it, from when the first page is in place."""
         from playwright.async_api import async_playwright
 
         seconds = self.simulation.scene.seconds
@@ -314,8 +314,8 @@ class Game:
         return "Play" if 0.45 < share < 0.65 else "Back to building" if 0.65 <= share < 0.7 else None
 
     async def _looks(self, look: Look) -> None:
-        for page in self.pages.values():
-            await browser.until(page, "synchronizar.frame?.registered && synchronizar.frame.opacity === 1")
+        # The other one is loaded anew on its way.
+        await browser.until(self.pages[PHONES[0]], "synchronizar.frame?.registered && synchronizar.frame.opacity === 1")
         await look(self)
 
     # How it was

@@ -98,6 +98,6 @@ export function words(score, ball, name, way = "") {
   if (!ball) return { rally, best, line: "The game begins when two are in place." };
   const { phase, by } = ball.data;
   if (phase === "lies") return { rally, best, line: `The ball lies on the floor${way ? `, ${way}` : ""}. Walk up to it.` };
-  if (phase === "flies") return { rally, best, line: by === name ? "" : `${by} has thrown. Look at the ball.` };
+  if (phase === "flies") return { rally, best, line: by === name ? "" : `${by} has thrown. Look at the ball${way ? `, ${way}` : ""}.` };
   return { rally, best, line: by === name ? "You have the ball. Hold, swing and let go." : `${by} has the ball.` };
 }
