@@ -30,7 +30,8 @@ WORTH_SEEING = {
 }
 # How many of the others and of the application's things are on the phone's screen, its things counted threefold.
 ON_SCREEN = """() => {
-  const { app, avatars, stage } = synchronizar;
+  const { app, avatars, frame, stage } = synchronizar;
+  if (!frame.registered || frame.opacity < 1) return 0;
   const m = stage.common.matrix.elements;
   const now = (performance.timeOrigin + performance.now()) / 1000;
   const [x, y, z, qx, qy, qz, qw] = phone.place(now - phone.began);
