@@ -40,7 +40,7 @@ from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import Simulation, simulate
 
 PHONE, SCANNERS, SHOWS = "Emre", ("Anna", "Ben"), "Ben"
-IDS = {"Anna": "phone0", "Ben": "phone1", "Cleo": "phone2", "Emre": "phone4"}
+IDS = {"Anna": "phone0", "Ben": "phone1", "Cleo": "phone2", "Emre": "phone4"}  # in the simulation
 # Boxes of the room, m: least and greatest x, y, z.
 FURNITURE = [
     ((-4.0, -4.0, -0.05), (4.0, 4.0, 0.0)),
@@ -90,7 +90,7 @@ async def native(address: str, simulation: Simulation, name: str, began: float, 
         try:
             async for word in client.messages():
                 stage.hear(word)
-                result["objects"] = stage.objects
+                result["objects"], result["reference"] = stage.objects, stage.frames.reference
                 t = time.time() - began
                 if t - told < EVERY_S or name not in stage.players:
                     continue
@@ -195,7 +195,7 @@ def judged(simulation: Simulation, result: dict[str, Any]) -> dict[str, Any]:
     objects = result["objects"].values()
     scan = [Cube(at_of(o), cells_of(o.data) or 0) for o in objects if o.kind == SCAN]
     cells = np.concatenate([middles(cube) for cube in scan]) if scan else np.zeros((0, 3))
-    true = common_from_world(simulation, "phone0") @ surfaces()
+    true = common_from_world(simulation, IDS[result["reference"]]) @ surfaces()
     off = KDTree(true).query(cells)[0] if len(cells) else np.zeros(0)
     screen = []
     truth = simulation.truth["phone1"]

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from synchronizar.apps.catch.flight import GRAVITY, Flight
+from synchronizar.apps.eyes.scan import CELL_M, SIDE, seen
 from synchronizar.live.stage import HAND_M, Player
 
 TESTS = sorted((Path(__file__).parent / "js").glob("*.test.js"))
@@ -35,10 +36,17 @@ def catch_vectors() -> dict[str, Any]:
     return {"gravity": GRAVITY, "hand": HAND_M, "flights": flights, "hands": hands}
 
 
+def eyes_vectors() -> dict[str, Any]:
+    """Points of surfaces, and the cells that Python tells of them."""
+    points = np.random.default_rng(6).uniform(-3.0, 3.0, (200, 3))
+    cubes = [cube for data in seen(points) for cube in data]
+    return {"cell": CELL_M, "side": SIDE, "points": points.tolist(), "seen": cubes}
+
+
 @pytest.mark.skipif(shutil.which("node") is None, reason="needs node, which is not here")
 @pytest.mark.parametrize("file", TESTS, ids=lambda file: file.name)
 def test_in_node(file: Path) -> None:
-    environment = {**os.environ, "CATCH": json.dumps(catch_vectors())}
+    environment = {**os.environ, "CATCH": json.dumps(catch_vectors()), "EYES": json.dumps(eyes_vectors())}
     run = subprocess.run(
         ["node", "--test", str(file)], env=environment, capture_output=True, text=True, timeout=120, check=False
     )

@@ -113,7 +113,10 @@ class Roster:
                 what = "stopped" if stream.suspect.kind == "frozen" else "jumped"
                 return State.UNOBSERVABLE, f"its SLAM may have {what}"
             if standing.unconfirmed_since is not None:
-                return State.UNOBSERVABLE, "its SLAM has paused: its next ranges tell whether its frame is still the same"
+                return (
+                    State.UNOBSERVABLE,
+                    "its SLAM has paused: its next ranges tell whether its frame is still the same",
+                )
             if not suspected.isdisjoint((user, self.reference)):
                 return State.UNOBSERVABLE, "its latest ranges may say that it is somewhere else"
         return standing.state, standing.reason
