@@ -17,6 +17,7 @@ const STEP_M = CELL_M / 2;
 const UNSEEN_FLOOR_M = -1.4;
 /** Cells of one layer of a cube that make a floor. */
 const FLOOR_CELLS = 60;
+const ONES = Array.from({ length: 256 }, (_, byte) => byte.toString(2).replaceAll("0", "").length);
 
 const cellAt = (v) => Math.floor(v / CELL_M);
 const cubeAt = (cell) => Math.floor(cell / SIDE);
@@ -104,7 +105,7 @@ export class Model {
       const bottom = SIDE * Number(key.split(" ")[2]);
       for (let z = 0; z < SIDE && bottom + z < lowest; z++) {
         const layer = bytes.subarray((z * SIDE * SIDE) / 8, ((z + 1) * SIDE * SIDE) / 8);
-        if (layer.reduce((sum, byte) => sum + ones(byte), 0) >= FLOOR_CELLS) lowest = bottom + z;
+        if (layer.reduce((sum, byte) => sum + ONES[byte], 0) >= FLOOR_CELLS) lowest = bottom + z;
       }
     }
     return lowest === Infinity ? UNSEEN_FLOOR_M : (lowest + 0.5) * CELL_M;
@@ -125,12 +126,6 @@ export class Model {
     }
     return null;
   }
-}
-
-function ones(byte) {
-  let count = 0;
-  for (let b = byte; b; b &= b - 1) count++;
-  return count;
 }
 
 /** The middles (m) of the filled cells of a cube, from its least corner. */
