@@ -90,7 +90,7 @@ async def native(address: str, simulation: Simulation, name: str, began: float, 
         try:
             async for word in client.messages():
                 stage.hear(word)
-                result["objects"], result["reference"] = stage.objects, stage.frames.reference
+                result["objects"], result["reference"] = client.objects, stage.frames.reference
                 t = time.time() - began
                 if t - told < EVERY_S or name not in stage.players:
                     continue
@@ -103,7 +103,7 @@ async def native(address: str, simulation: Simulation, name: str, began: float, 
                     for data in seen(common_from_user @ (own_from_world @ near)):
                         await client.say_message(m.Say("seen", data, m.APP))
                 if name == SHOWS:
-                    await show(client, stage, t)
+                    await show(client, t)
         finally:
             walking.cancel()
 
@@ -116,9 +116,9 @@ def in_view(points: Array, eye: Array, quat_xyzw: Array) -> Array:
     return points[(distance < REACH_M) & (there @ way > distance * np.cos(FIELD_RAD))]
 
 
-async def show(client: Client, stage: Stage, t: float) -> None:
+async def show(client: Client, t: float) -> None:
     """Say yes to whoever asks, and send a picture to those who may look."""
-    for look in [o.data for o in stage.objects.values() if o.kind == "eyes look" and o.data["whom"] == SHOWS]:
+    for look in [o.data for o in client.objects.values() if o.kind == "eyes look" and o.data["whom"] == SHOWS]:
         if look["state"] == "asked":
             await client.say_message(m.Say("allow", {"who": look["who"]}, m.APP))
         elif look["state"] == "on":
