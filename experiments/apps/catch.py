@@ -14,7 +14,6 @@ import asyncio
 import json
 import random
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from experiments.common.results import as_lines
 from experiments.live import browser
 from experiments.live.walkers import server, walk
 from synchronizar.apps.catch.flight import Flight
@@ -239,10 +239,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     simulation = simulate(Scene(users=4, seconds=options.seconds, seed=options.seed, speed=0.5))
-    show: Callable[[str], None] = print
-    result = asyncio.run(play(simulation, options.out))
-    for name, value in judged(simulation, result).items():
-        show(f"{name:58} {value:.3f}" if isinstance(value, float) else f"{name:58} {value}")
+    print(as_lines(judged(simulation, asyncio.run(play(simulation, options.out)))))
 
 
 if __name__ == "__main__":

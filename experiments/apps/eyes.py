@@ -16,7 +16,6 @@ import base64
 import io
 import json
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ import numpy as np
 
 from experiments.apps.catch import p95, world_of
 from experiments.common.full_oracle import common_from_world
+from experiments.common.results import as_lines
 from experiments.live import browser
 from experiments.live.screenshots import looking_at_others, renamed
 from experiments.live.walkers import server, walk
@@ -234,9 +234,7 @@ def main() -> None:
     if reason := browser.why_not():
         raise SystemExit(reason)
     simulation = simulate(Scene(users=5, seconds=options.seconds + 20.0, seed=options.seed, speed=0.6))
-    show: Callable[[str], None] = print
-    for name, value in judged(simulation, asyncio.run(visit(simulation, options.out))).items():
-        show(f"{name:58} {value:.3f}" if isinstance(value, float) else f"{name:58} {value}")
+    print(as_lines(judged(simulation, asyncio.run(visit(simulation, options.out)))))
 
 
 if __name__ == "__main__":

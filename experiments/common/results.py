@@ -23,5 +23,11 @@ def write_table(name: str, rows: list[dict[str, Any]], settings: dict[str, Any])
     return "\n".join("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)) for row in cells)
 
 
+def as_lines(values: dict[str, Any]) -> str:
+    """A value a line, after what it is of."""
+    width = max(map(len, values))
+    return "\n".join(f"{name:{width}}  {_cell(value)}" for name, value in values.items())
+
+
 def _cell(value: object) -> str:
     return f"{value:.3f}" if isinstance(value, float) else str(value)

@@ -745,7 +745,6 @@ _REASONS: tuple[Literal["stray", "frozen"], ...] = ("stray", "frozen")
 _SUSPICIONS: tuple[Literal["jump", "frozen"], ...] = ("jump", "frozen")
 _QUANTILES = ("_intervals", "_position_errors", "_attitude_errors", "_lengths", "_turns")
 _NUMBERS = (
-    "resumed_at",
     *("faults", "repeated", "set_aside", "suspicions", "_forgotten", "_count", "_decided", "_t", "_same_since"),
     "resumed_at",
     *("_x", "_y", "_z", "_qx", "_qy", "_qz", "_qw", "_vx", "_vy", "_vz", "_worst", "_least_dot", "_gate"),

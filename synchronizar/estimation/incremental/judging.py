@@ -52,7 +52,7 @@ class Judging:
         """After a pause SLAM may go on in another frame: nobody relies on it until ranges have told."""
         roster, clock = self._roster, self._following.tracking.assumed_clock
         for user, (stream, standing) in enumerate(zip(roster.streams, roster.standings, strict=True)):
-            if stream is not None and stream.resumed_at > standing.resumed_at:
+            if stream is not None and stream.resumed_at != standing.resumed_at:  # a new session may have another clock
                 standing.resumed_at = stream.resumed_at
                 standing.unconfirmed_since = stream.resumed_at - float(clock[user]) if standing.is_registered else None
             since = standing.unconfirmed_since

@@ -48,10 +48,6 @@ class _One:
         return np.array([priors.place_sigma**2, priors.place_sigma**2, height, priors.yaw_sigma**2])
 
 
-MANY = 12
-"""Of more members one is proven by a window, since a longer walk of so many would be searched for too long."""
-
-
 class Joint(NamedTuple):
     """A joint covariance, and of whom."""
 

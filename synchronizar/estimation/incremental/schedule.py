@@ -8,11 +8,11 @@ import numpy as np
 
 from synchronizar.data.registration import State
 from synchronizar.estimation.incremental.following import Following
-from synchronizar.estimation.incremental.members import MANY
 from synchronizar.estimation.incremental.roster import Roster
 
 _FIRST_SEARCH = 1.0  # s after the first range
 _PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
+_MANY = 12  # members among whom one is proven by a window: a longer walk of so many would be searched for too long
 _LEAST_PROGRESS = 0.01  # less is not told from none
 
 
@@ -82,8 +82,8 @@ class Schedule:
         m, roster = self._roster.parameters, self._roster
         begin = roster.now - m.incremental.window
         sought, members = [roster.standings[u] for u in self.sought()], self._following.tracking.members
-        if len(members) > MANY:
+        if len(members) > _MANY:
             sought = [standing for standing in sought if not standing.is_registered]
-        known = len(members) > MANY or any(roster.standings[u].proven for u in members)
+        known = len(members) > _MANY or any(roster.standings[u].proven for u in members)
         longest = 2.0 * m.incremental.window if known else m.search.first_stretch
         return min([begin, *(max(s.since, roster.now - longest) for s in sought if s.since is not None)])

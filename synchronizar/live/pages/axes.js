@@ -47,7 +47,8 @@ export function between(a, b, share) {
   return mixed.map((v) => v / length);
 }
 
-const Z_UP_FROM_Y_UP = [0.5, -0.5, -0.5, 0.5];
+/** The turn x y z w from y-up axes into z-up ones; so what looks along -z, with y up, looks along x, with z up. */
+export const Z_UP_FROM_Y_UP = Object.freeze([0.5, -0.5, -0.5, 0.5]);
 
 /** The attitude x y z w, in a y-up device's own axes, of a thing that stands upright and whose own axes are z up. */
 export const UPRIGHT_IN_Y_UP = Object.freeze([-0.5, 0.5, 0.5, 0.5]);

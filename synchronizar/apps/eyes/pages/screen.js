@@ -17,10 +17,10 @@ import {
   Texture,
 } from "../../pages/vendor/three/three.module.min.js";
 
+import { Z_UP_FROM_Y_UP } from "../../pages/axes.js";
+
 /** m in front of the eyes. */
 const AWAY_M = 0.7;
-/** Turns what looks along -z so that it looks along x, with z up. */
-const LOOKS_ALONG_X = [0.5, -0.5, -0.5, 0.5];
 
 export class Screen {
   #shape = null;
@@ -62,7 +62,7 @@ export class Screen {
     if (at === null) return;
     this.root.position.set(...at.position);
     this.root.quaternion.set(...at.quat_xyzw);
-    this.#body.quaternion.set(...(up === "z" ? LOOKS_ALONG_X : [0, 0, 0, 1]));
+    this.#body.quaternion.set(...(up === "z" ? Z_UP_FROM_Y_UP : [0, 0, 0, 1]));
   }
 
   dispose() {

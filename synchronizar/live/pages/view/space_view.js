@@ -14,14 +14,13 @@ import {
   WebGLRenderer,
 } from "../vendor/three/three.module.min.js";
 
+import { Z_UP_FROM_Y_UP } from "../axes.js";
 import { Avatars } from "../xr/avatars.js";
 
 /** m/s, and rad a pixel that is dragged. */
 const WALK = 1.6;
 const TURN = 0.005;
 const STEEPEST = 1.5;
-/** Turns a camera, which looks along -z, so that it looks along x with z up. */
-const LOOKS_ALONG_X = new Quaternion(0.5, -0.5, -0.5, 0.5);
 const KEYS = {
   KeyW: [1, 0, 0],
   ArrowUp: [1, 0, 0],
@@ -143,7 +142,7 @@ export class SpaceView {
     if (by) {
       this.#camera.position.set(...by.position);
       this.#camera.quaternion.set(...by.quat_xyzw);
-      if (by.up === "z") this.#camera.quaternion.multiply(LOOKS_ALONG_X);
+      if (by.up === "z") this.#camera.quaternion.multiply(new Quaternion(...Z_UP_FROM_Y_UP));
       return;
     }
     const [x, y, z] = this.#eye;

@@ -12,7 +12,7 @@ import {
   SphereGeometry,
 } from "../vendor/three/three.module.min.js";
 
-import { placingOf } from "../axes.js";
+import { Z_UP_FROM_Y_UP, placingOf } from "../axes.js";
 import { covarianceAt, ellipse } from "../smoothing.js";
 import { colourOf } from "../view/colours.js";
 import { dispose, label } from "./label.js";
@@ -96,7 +96,7 @@ class Avatar {
     this.head = new Mesh(HEAD, new MeshStandardMaterial({ color: colour, roughness: 0.5, transparent: true }));
     this.sight = new LineSegments(FRUSTUM, new LineBasicMaterial({ color: colour, transparent: true }));
     // The frustum looks along -z; a body that is z up looks along its own x.
-    if (up === "z") this.sight.quaternion.set(0.5, -0.5, -0.5, 0.5);
+    if (up === "z") this.sight.quaternion.set(...Z_UP_FROM_Y_UP);
     this.sight.visible = !still;
     this.body = new Group();
     this.body.add(this.head, this.sight);
