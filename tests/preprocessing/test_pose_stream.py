@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
@@ -513,8 +514,10 @@ def test_ranges_are_read_by_their_ends_as_poses_at_their_times_say() -> None:
         stream = streams[u]
         assert stream is not None
         for t in np.arange(0.0, 3.0, 1.0 / 30.0).tolist():
-            place = (np.sin(t + u), t, 0.1 * np.cos(3.0 * t))
-            stream.add(clocks[u] + t, place, normalized_quaternions(np.array([[0.1 * t, 0.2, 0.3, 1.0]]))[0].tolist())
+            place = (math.sin(t + u), t, 0.1 * math.cos(3.0 * t))
+            stream.add(
+                float(clocks[u]) + t, place, normalized_quaternions(np.array([[0.1 * t, 0.2, 0.3, 1.0]]))[0].tolist()
+            )
     t = random.uniform(-0.05, 3.1, 60)
     users = np.array([random.choice(4, 2, replace=False) for _ in t], dtype=np.int32)
     levers, wanted = random.normal(0.0, 0.2, (60, 2, 3)), random.uniform(size=60) < 0.8
