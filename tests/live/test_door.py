@@ -7,6 +7,7 @@ import gzip
 import json
 import logging
 import socket
+import time
 from pathlib import Path
 
 import aiohttp
@@ -191,9 +192,11 @@ def test_secrets_are_in_no_log_no_address_and_no_recording(
                         await socket_.send_str("{" + joined.token)
                         await socket_.receive()
             async with await Client.join(address, ["bob"]) as bob:
-                await bob.send_pose("bob", 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+                await bob.send_pose("bob", time.time(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
                 await bob.say_message(m.Create("o", "coin", (0.0, 0.0, 0.0)))
                 await bob.until(lambda word: isinstance(word, m.Objects))
+                while room.devices["bob"].pose is None:  # until his clock is known
+                    await asyncio.sleep(0.01)
                 secrets.append(bob.resume)
             key = room.modules.keys.of(7)
             secrets.extend([code, joined.token, joined.resume, room.key.hex(), key.hex()])
