@@ -132,6 +132,9 @@ class Game:
                 self.pages[name] = await (await browser.context(chromium, *self._size, phone=True)).new_page()
             self.complaints = [browser.complaints(page) for page in (self.room, *self.pages.values())]
             await self.room.goto(f"{where['url']}/room#{where['room']}")
+            # However long pages take to load, people have the whole time.
+            for name, page in self.pages.items():
+                await browser.arrive(page, where["url"], where["room"], name)
             self.began = time.time() + 0.5
             session, key = await self._enter(stack, where, PROGRAM)
             air = stack.enter_context(LiveAir(session, where["udp_port"], self._seed, stamp_sigma=STAMP_SIGMA))
@@ -139,8 +142,7 @@ class Game:
             if self.app == "robot":
                 tasks.append(asyncio.create_task(self._drives(stack, air, where)))
             for name, page in self.pages.items():
-                track = self.simulation.recording.tracks[name]
-                await browser.walk_in(page, where["url"], where["room"], name, track, self.began)
+                await browser.start(page, self.simulation.recording.tracks[name], self.began)
                 await self._log(page)
                 key = await page.evaluate(KEY, NAMES.index(name))
                 tasks.append(asyncio.create_task(self._carries(air, name, key)))

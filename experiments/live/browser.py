@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 REPOSITORY = Path(__file__).parents[2]
 IWER = "2.5.0"
+PATIENCE_S = 90.0
+"""s: for a page, on a busy machine."""
 FLAGS = ["--no-sandbox", "--disable-features=WebRtcHideLocalIpsWithMdns", "--ignore-certificate-errors"]
 
 # A phone whose pose is that of a table at the time of each frame: [t (s), x y z, qx qy qz qw], y up. Its loop is begun
@@ -114,7 +116,7 @@ def iwer() -> str:
 
 async def launch(playwright: Playwright) -> Browser:
     """Headless Chromium."""
-    return await playwright.chromium.launch(executable_path=chromium(), args=FLAGS)
+    return await playwright.chromium.launch(executable_path=chromium(), args=FLAGS, timeout=1000.0 * PATIENCE_S)
 
 
 async def context(browser: Browser, width: int, height: int, dark: bool = False, phone: bool = False) -> BrowserContext:
@@ -122,6 +124,7 @@ async def context(browser: Browser, width: int, height: int, dark: bool = False,
     made = await browser.new_context(
         viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light", ignore_https_errors=True
     )
+    made.set_default_timeout(1000.0 * PATIENCE_S)
     if phone:
         await made.add_init_script(iwer() + _PHONE)
     return made
@@ -137,12 +140,17 @@ def complaints(page: Page) -> list[str]:
 
 async def walk_in(page: Page, url: str, code: str, name: str, track: Track, began: float) -> None:
     """As a person does it: from the join page to AR, the phone being where the track says."""
+    await arrive(page, url, code, name)
+    await start(page, track, began)
+
+
+async def arrive(page: Page, url: str, code: str, name: str) -> None:
+    """From the join page to the phone's page."""
     await page.goto(f"{url}/#{code}")
     await page.fill("#code", code)
     await page.fill("#name", name)
     await page.click("#walk")
     await page.wait_for_url("**/phone*")
-    await start(page, track, began)
 
 
 async def start(page: Page, track: Track, began: float) -> None:
@@ -170,7 +178,7 @@ async def told(page: Page, expression: str) -> Any:
     return json.loads(await page.evaluate(f"JSON.stringify({expression})"))
 
 
-async def until(page: Page, expression: str, seconds: float = 90.0) -> None:
+async def until(page: Page, expression: str, seconds: float = PATIENCE_S) -> None:
     """Until an expression is true in the page. Raises TimeoutError where it does not become so.
 
     Playwright's own way evaluates strings within the page, which the pages' policy forbids.

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import time
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -51,10 +52,10 @@ async def walk(client: Client, recording: Recording, own: Iterable[str], began: 
     try:
         while True:
             now = time.time() - began
-            count = sum(1 for pose in poses if pose[0] <= now)
+            count = bisect_right(poses, now, key=lambda pose: pose[0])
             await client.send_poses([(name, began + t, xyz, quat) for t, name, xyz, quat in poses[:count]])
             del poses[:count]
-            count = sum(1 for measured in ranges if measured.t <= now)
+            count = bisect_right(ranges, now, key=lambda measured: measured.t)
             known = [one for one in ranges[:count] if {one.a, one.b} <= client.members.keys()]
             if known:
                 await client.send_ranges([_at(measured, began) for measured in known])

@@ -229,7 +229,7 @@ def test_rooms_of_two_servers_are_behind_one_address_and_one_goes_on_without_the
 
 def test_rooms_cannot_be_opened_without_end() -> None:
     async def test() -> None:
-        async with serving() as (server, address), aiohttp.ClientSession() as session:
+        async with serving(lambda: 1000.0) as (server, address), aiohttp.ClientSession() as session:
             base, _, code = address.partition("/#")
             statuses = []
             for _ in range(OPENED_A_MINUTE + 1):
