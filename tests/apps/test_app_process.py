@@ -29,9 +29,7 @@ def test_catch_runs_in_a_room_whose_devices_a_recording_plays() -> None:
         async with serving(app="catch") as (_, address), await Client.join(address) as looks:
             assert looks.welcome.app == "catch"
             playing = asyncio.create_task(play(walk, address, 1e9))
-            async with asyncio.timeout(90.0):
-                while BALL not in looks.objects:
-                    await looks.until(lambda _: True)
+            await looks.until(lambda _: BALL in looks.objects)
             await playing
             assert looks.objects[BALL].holder == "app"
             assert looks.objects[BALL].data == {"phase": "held", "by": min(walk.tracks)}

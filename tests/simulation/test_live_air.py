@@ -23,7 +23,7 @@ from synchronizar.simulation.live_air import Carried, LiveAir
 
 SESSION = 5
 KEYS = RoomKeys(SESSION, bytes(range(32)))
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 
 
 class Collector:
