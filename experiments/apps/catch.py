@@ -19,14 +19,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from experiments.apps.in_browsers import PHONES, PROGRAM, Game, record, scene
+from experiments.apps.in_browsers import IN_PLACE, PHONES, PROGRAM, Game, record, scene
 from experiments.common.results import as_lines
-from experiments.live import browser
 from synchronizar.apps.catch.game import BALL, SCORE
 from synchronizar.live.words_file import Word, read_words
 
 FIRST, LATE = PHONES
-IN_PLACE = "synchronizar.frame?.registered && synchronizar.frame.opacity === 1"
 FLIES = f"synchronizar.client.objects.get('{BALL}')?.data.phase === 'flies'"
 
 
@@ -50,13 +48,13 @@ async def look(game: Game, out: Path) -> None:
     page = game.pages[LATE]
     while f"{LATE} came" not in game.events:
         await asyncio.sleep(0.2)
-    for name, wanted in (
-        ("catch_late_waits", f"!({IN_PLACE}) && {FLIES}"),
-        ("catch_late_plays", f"{IN_PLACE} && {FLIES}"),
-    ):
-        with suppress(TimeoutError):
-            await browser.until(page, f"globalThis.synchronizar?.app && ({wanted})", game.simulation.scene.seconds)
-            await page.screenshot(path=out / f"{name}.png")
+    for name, wanted in {"waits": f"!({IN_PLACE}) && {FLIES}", "plays": f"{IN_PLACE} && {FLIES}"}.items():
+        taken = False
+        while not taken and (name == "plays" or f"{LATE} registered" not in game.events):
+            await asyncio.sleep(0.1)
+            with suppress(Exception):  # the page is being loaded anew
+                if taken := await page.evaluate(f"Boolean(globalThis.synchronizar?.app && ({wanted}))"):
+                    await page.screenshot(path=out / f"catch_late_{name}.png")
 
 
 def judged(game: Game, words: Sequence[Word]) -> dict[str, Any]:

@@ -61,6 +61,7 @@ RADIO_M = 0.35
 STARTS, OPERATOR = Ground(3.5, 3.5, -2.4), Twist(0.35, 0.45)
 """Of the robot, and how somebody drives it until it is registered."""
 THROW = "() => { synchronizar.app.select.start(); synchronizar.app.select.end(); }"
+IN_PLACE = "synchronizar.frame?.registered && synchronizar.frame.opacity === 1"
 ADVICE = "() => document.querySelector('#advice').textContent"
 KEY = """(address) => new Promise((resolve) => {
   const { client } = synchronizar;
@@ -322,7 +323,7 @@ class Game:
             await asyncio.sleep(0.2)
             t = time.time() - self.began
             with suppress(Exception):  # the page is being loaded anew
-                if not await page.evaluate("synchronizar.frame.registered && synchronizar.frame.opacity === 1"):
+                if not await page.evaluate(f"Boolean({IN_PLACE})"):
                     await self._waits(name)
                     continue
                 self.events.setdefault(f"{name} registered", t)
@@ -355,7 +356,7 @@ class Game:
 
     async def _looks(self, look: Look) -> None:
         # The other one is loaded anew on its way.
-        await browser.until(self.pages[PHONES[0]], "synchronizar.frame?.registered && synchronizar.frame.opacity === 1")
+        await browser.until(self.pages[PHONES[0]], IN_PLACE)
         await look(self)
 
     # How it was

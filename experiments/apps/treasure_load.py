@@ -7,10 +7,10 @@ application, solver, search, air and all players share the machine.
 
 Told are how often a second everybody's poses come, with which the application's own ticks do, at one player while they
 play, and the pause that 99 of 100 stay below; how late the server's loop is by its own word (p50 and p99 of the last
-minute); after how long who puts a coin sees it; CPU (cores) of each kind of process while they play. Of the coins:
-those that lie at the end, in the game's file at the end, that were told to be found in games that were played to the
-end (the fewest and the most that a player heard of), that the file's walks have of these, and coins that a player was
-told to be gone more than once in a game.
+minute); after how long who puts a coin sees it; CPU (cores) of each kind of process while they play. Of the coins, how
+many there were in all games that were played to the end, how many of these were told to be found (the fewest and the
+most that a player heard of), how many were told to be gone more than once in a game, and how many are in the game's
+file at the end.
 """
 
 from __future__ import annotations
