@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
-import shutil
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -95,8 +94,7 @@ def main() -> None:
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     recorded = record(game, None if out is None else lambda playing: look(playing, out))
-    print(as_lines(judged(game, read_words(recorded))))
-    shutil.rmtree(recorded.parent)
+    print(as_lines(judged(game, read_words(recorded))), f"recorded in {recorded}", sep="\n")
 
 
 if __name__ == "__main__":

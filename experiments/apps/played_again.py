@@ -39,6 +39,8 @@ from synchronizar.live.words_file import Word, read_words
 
 COLOURS = {"#f58a1f": "ball", "#f2b705": "coin"}
 STANDS_S = 0.5
+MARGIN_S = 30.0
+"""s of a recording before its first thing and after its last."""
 # Circles of these colours, in m of the common frame, and what time of the room it is then: a row for each.
 LOG = """async (colours) => {
   globalThis.drawn = [];
@@ -110,6 +112,10 @@ class Record:
             self._at.append(word.t)
             self._objects.append(now)
 
+    def lasts(self, t: float) -> bool:
+        """Whether a moment may be one of the recording."""
+        return self._at[0] - MARGIN_S < t < self._at[-1] + MARGIN_S
+
     def ball(self, t: float) -> Array | None:
         """(2,) m; None where somebody holds it or there is none, or it has been otherwise just now."""
         objects = self._standing(t)
@@ -138,6 +144,9 @@ def judged(frames: Sequence[Frame], record: Record, heard: Sequence[tuple[float,
     balls: list[float] = []
     coins: list[float] = []
     alike: list[bool] = []
+    # Before it is played the room has a time of its own.
+    heard = [(wall, t) for wall, t in heard if record.lasts(t)]
+    frames = [frame for frame in frames if heard and heard[0][1] <= frame.t <= heard[-1][1]]
     early = max((t - wall for wall, t in heard), default=float("nan"))
     for frame in frames:
         ball, there = record.ball(frame.t), record.coins(frame.t)
@@ -147,7 +156,7 @@ def judged(frames: Sequence[Frame], record: Record, heard: Sequence[tuple[float,
             continue
         alike.append(len(there) == len(frame.coins))
         coins += [float(np.linalg.norm(there - coin, axis=1).min()) for coin in np.array(frame.coins) if len(there)]
-    behind = [frame.wall + early - frame.t for frame in frames if heard and heard[0][1] < frame.t < heard[-1][1]]
+    behind = [frame.wall + early - frame.t for frame in frames]
     return {
         "frames": len(frames),
         "frames with a ball that flies or lies": len(balls),

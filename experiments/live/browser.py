@@ -9,15 +9,18 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import json
+import os
 import shutil
 import subprocess
 import tarfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from experiments.common.cpu import processes_below
 from synchronizar.arrays import Array
 from synchronizar.data.track import Track
 from synchronizar.geometry import QUATERNION_Z_UP_FROM_Y_UP, Z_UP_FROM_Y_UP
@@ -158,6 +161,19 @@ async def start(page: Page, track: Track, began: float) -> None:
     await move(page, track, began)
     await page.click("#enter")
     await page.wait_for_selector("#overlay:not([hidden])")
+    hurry()
+
+
+def hurry() -> None:
+    """Let Chromium be as urgent as this process: it gives its own processes the urgency that it likes."""
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    if own >= 0:
+        return
+    for process in processes_below(os.getpid()):
+        with suppress(OSError):
+            if b"--type=" in Path(f"/proc/{process}/cmdline").read_bytes():
+                for thread in Path(f"/proc/{process}/task").iterdir():
+                    os.setpriority(os.PRIO_PROCESS, int(thread.name), own)
 
 
 async def move(page: Page, track: Track, began: float) -> None:
