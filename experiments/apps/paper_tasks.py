@@ -324,7 +324,9 @@ def quantiles(values: Array) -> dict[str, float]:
     return {"n": values.size, "median": float(np.median(values)), "p95": float(np.quantile(values, 0.95))}
 
 
-def table(tried: Sequence[Tried], options: argparse.Namespace) -> list[dict[str, Any]]:
+def table(
+    tried: Sequence[Tried], trials: Sequence[pointing.Trial], followed: Sequence[traces.Follow]
+) -> list[dict[str, Any]]:
     """A row for each task and way."""
     rows = []
 
@@ -336,15 +338,12 @@ def table(tried: Sequence[Tried], options: argparse.Namespace) -> list[dict[str,
     for a, aim in enumerate(AIMS):
         angle, wrong = (np.array([of[a] for of in by]) for by in zip(*((t.angle, t.wrong) for t in tried), strict=True))
         add("pointing, deg", f"page, {aim} aim", angle, wrong)
-    trials = results_of(pointing.trial, [(options.seed, n) for n in range(pointing.USERS * pointing.TRIALS)], options)
     for k, method in enumerate(METHODS):
         for a, aim in enumerate(pointing.AIMS):
             angle, wrong = np.array([t.angle[k, a] for t in trials]), np.array([t.wrong[k, a] for t in trials])
             add("pointing, deg", f"study, {method}, {aim} aim", angle, wrong)
     add("traces, m", "page", np.array([one.followed for one in tried]))
     add("traces, m", "shown perfectly", np.array([one.perfect for one in tried]))
-    walks = range(pointing.USERS * traces.FOLLOWED)
-    followed = results_of(traces.follow, [(options.seed, n, name) for name in traces.PAPER for n in walks], options)
     for k, method in enumerate(METHODS):
         add("traces, m", f"study, {method}", np.array([one.estimated[k] for one in followed]))
     return rows
@@ -365,17 +364,23 @@ def main() -> None:
         print(f"{number}: {'left out' if one is None else one[:-1]}", flush=True)
         if one is not None:
             tried.append(one)
+    trials = results_of(pointing.trial, [(options.seed, n) for n in range(pointing.USERS * pointing.TRIALS)], options)
+    walks = range(pointing.USERS * traces.FOLLOWED)
+    followed = results_of(traces.follow, [(options.seed, n, name) for name in traces.PAPER for n in walks], options)
     made, axes = figure(columns=2, height=3.2)
-    _draw_angles(axes[0, 0], np.array([one.angle[0] for one in tried]).ravel())
+    _draw_angles(axes[0, 0], np.array([one.angle[0] for one in tried]), trials)
     _draw_paths(axes[0, 1], tried)
     options.load = os.getloadavg()
-    save("paper_tasks", table(tried, options), made, options, began)
+    save("paper_tasks", table(tried, trials, followed), made, options, began)
 
 
-def _draw_angles(ax: Axes, angle: Array) -> None:
-    ax.ecdf(angle, color=COLOURS["joint"], linewidth=1.3, label="pages")
-    ax.axvline(pointing.PAPER["mean"], color=COLOURS["bound"], linestyle="--", linewidth=1.0, label="the paper's mean")
-    ax.set(xlabel="angle (deg)", ylabel="share of pointings within", xlim=(0.0, None), ylim=(0.0, 1.02))
+def _draw_angles(ax: Axes, angle: Array, trials: Sequence[pointing.Trial]) -> None:
+    ax.ecdf(angle.ravel(), color=COLOURS["bound"], linewidth=1.5, label="page")
+    for k, method in enumerate(METHODS):
+        of = np.array([t.angle[k, pointing.AIMS.index("human")] for t in trials])
+        ax.ecdf(of.ravel(), color=COLOURS[method], linewidth=1.0, label=f"study, {method}")
+    ax.axvline(pointing.PAPER["mean"], color="0.6", linestyle="--", linewidth=1.0, label="the paper's mean")
+    ax.set(xlabel="angle (deg)", ylabel="share of pointings within", xlim=(0.0, 12.0), ylim=(0.0, 1.02))
     ax.legend(frameon=False, loc="lower right")
 
 

@@ -19,6 +19,7 @@ import os
 import sys
 import time
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -64,10 +65,11 @@ LOG = """async (colours) => {
   };
   requestAnimationFrame(function each() {
     requestAnimationFrame(each);
-    frame += 1;
+    // The page has just drawn this frame: it asked for it before.
     const now = (performance.timeOrigin + performance.now()) / 1000;
     const { roomTime } = synchronizar.client;
     if (roomTime !== null) drawn.push([frame, "frame", now, roomTime]);
+    frame += 1;
   });
 }"""
 
@@ -86,13 +88,14 @@ class Frame(NamedTuple):
 
 def frames_of(rows: Sequence[Sequence[Any]]) -> list[Frame]:
     """What a page has noted."""
-    frames: dict[int, Frame] = {}
+    circles: dict[tuple[int, str], list[tuple[float, float]]] = defaultdict(list)
+    frames = []
     for number, what, a, b in rows:
         if what == "frame":
-            frames[number] = Frame(a, b, [], [])
-        elif number in frames:
-            (frames[number].balls if what == "ball" else frames[number].coins).append((a, b))
-    return list(frames.values())
+            frames.append(Frame(a, b, circles[number, "ball"], circles[number, "coin"]))
+        else:
+            circles[number, what].append((a, b))
+    return frames
 
 
 class Record:
