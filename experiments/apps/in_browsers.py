@@ -54,6 +54,8 @@ NAMES = (PROGRAM, *PHONES, LATE, ROBOT)
 """By the addresses of their modules."""
 LATE_AT, RELOADED_AT = 0.25, 2.0 / 3.0
 """Shares of the time."""
+LONGER_S = 240.0
+"""s: so much longer they play at most, until enough is drawn."""
 HELD_S = 1.5
 PUT_EVERY_S = 4.0
 RADIO_M = 0.35
@@ -112,14 +114,18 @@ class Game:
         size: tuple[int, int] = (240, 400),
         late: str = LATE,
         partner: str | None = None,
+        seconds: float | None = None,
+        frames: int = 0,
     ) -> None:
         """`size`: of the phones' screens, px. `late`: who comes late.
 
         `partner`: the program with which alone that one ranges, by simulated ranges that the program says; None: it has
-        a module in the air, as all others have.
+        a module in the air, as all others have. `seconds`: how long they play, None: as long as they walk; where fewer
+        than `frames` were drawn in place until then, as on a slow machine, they play on while they walk.
         """
         self.app, self.simulation, self._seed, self._size = app, simulation, seed, size
         self.late, self._partner = late, partner
+        self.seconds, self._frames = simulation.scene.seconds if seconds is None else seconds, frames
         self.pages: dict[str, Page] = {}
         self.room: Page | None = None
         self.clients: dict[str, Client] = {}
@@ -137,10 +143,10 @@ class Game:
         self.complaints: list[list[str]] = []
 
     async def play(self, where: dict[str, Any], look: Look | None = None) -> None:
-        """Until the walk's end. `look`: does something beside it, from when the first page is in place."""
+        """Until the end. `look`: does something beside it, from when the first page is in place."""
         from playwright.async_api import async_playwright
 
-        seconds = self.simulation.scene.seconds
+        seconds = self.seconds
         async with AsyncExitStack() as stack:
             playwright = await stack.enter_async_context(async_playwright())
             chromium = await browser.launch(playwright)
@@ -168,8 +174,10 @@ class Game:
             await self._until(RELOADED_AT * seconds)
             await self._reload(PHONES[1])
             await self._until(seconds)
-            for name in PHONES:
-                await self._gather(name)
+            await self._gather_all()
+            while self._in_place() < self._frames and time.time() - self.began < self.simulation.scene.seconds:
+                await asyncio.sleep(1.0)
+                await self._gather_all()
             for task in tasks:
                 if task.done():
                     task.result()
@@ -186,6 +194,13 @@ class Game:
     async def _gather(self, name: str) -> None:
         rows = json.loads(await self.pages[name].evaluate("JSON.stringify(drawn.splice(0))"))
         self.drawn[name].append(frames_of(rows))
+
+    async def _gather_all(self) -> None:
+        for name in PHONES:
+            await self._gather(name)
+
+    def _in_place(self) -> int:
+        return sum(frame.sure for pieces in self.drawn.values() for piece in pieces for frame in piece)
 
     async def _reload(self, name: str) -> None:
         await self._gather(name)
@@ -349,7 +364,7 @@ class Game:
 
     def _wanted(self, name: str, t: float) -> str | None:
         """In the middle third of the time the coins are collected, then they are put down again."""
-        share = t / self.simulation.scene.seconds
+        share = t / self.seconds
         if name != PHONES[0]:
             return "Undo" if share > 0.9 else None
         return "Play" if 0.45 < share < 0.65 else "Back to building" if 0.65 <= share < 0.7 else None
@@ -416,9 +431,12 @@ def record(game: Game, look: Look | None = None) -> Path:
     return recorded
 
 
-def run(app: str, seconds: float, seed: int, look: Look | None = None, **options: Any) -> tuple[dict[str, Any], Path]:
-    """One game: how it was, and the folder in which its room is recorded."""
-    game = Game(app, scene(seconds, seed), seed, **options)
+def run(
+    app: str, seconds: float, seed: int, look: Look | None = None, frames: int = 0, **options: Any
+) -> tuple[dict[str, Any], Path]:
+    """One game: how it was, and the folder in which its room is recorded; `frames` as `Game` has it."""
+    walk = scene(seconds + LONGER_S * (frames > 0), seed)
+    game = Game(app, walk, seed, seconds=seconds, frames=frames, **options)
     recorded = record(game, look)
     words = read_words(recorded)
     newest = {word.object.id: word.object for word in words if word.object is not None}

@@ -46,7 +46,8 @@ class AppProcess:
         try:
             await asyncio.wait_for(process.wait(), _ENDS_WITHIN_S)
         except TimeoutError:
-            process.kill()
+            with suppress(ProcessLookupError):  # it has ended just now
+                process.kill()
             await process.wait()
 
     async def _keep(self) -> None:
