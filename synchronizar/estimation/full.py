@@ -60,8 +60,7 @@ def register_full(recording: Recording, reference: int, parameters: Parameters, 
     optima, noise, searched = solve(problem, repaired_tracks, stage(progress, 0.0, 0.9))
     assessed = assess_calibrated(optima)
     own = _own_frames(recording, repaired_tracks, optima[0])
-    name, count = recording.users[reference].name, len(recording.ranges)
-    registration = registration_of(assessed, own, name, count, {})
+    registration = registration_of(assessed, own, len(recording.ranges), {})
     users = {
         user.name: _with_slam(registration.users[user.name], u, repaired_tracks[user.name], assessed, own, noise[u])
         for u, user in enumerate(recording.users)
@@ -80,6 +79,9 @@ def _own_frames(recording: Recording, repaired_tracks: dict[str, RepairedTrack],
             scale[u] = np.exp(best.states.calibration[u, SCALE])
             turned[u] = yaw_of_quaternions(repaired_tracks[user.name].repaired_from_slam[-1:])[0]
             last[u] = recording.tracks[user.name].position[-1]
+    survey = recording.users[graph.reference].position
+    if survey is not None:
+        return OwnFrames(scale, turned, last, np.array([*survey, 0.0]), np.zeros(3))
     origin = scale[graph.reference] * graph.keyframes[graph.reference].anchor
     return OwnFrames(scale, turned, last, np.append(origin, 0.0), origin)
 

@@ -39,9 +39,11 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     inflation = _inflation(best)
     systematic = np.flatnonzero(inflation > parameters.integrity.systematic_inflation).tolist()
     assessed = assess(optima, partial(_inflated, graph=graph, inflation=inflation), systematic)
-    own = OwnFrames(np.ones(k), np.zeros(k), anchors, np.append(anchors[reference], 0.0), np.zeros(3))
+    survey = recording.users[reference].position
+    origin = anchors[reference] if survey is None else np.array(survey)
+    own = OwnFrames(np.ones(k), np.zeros(k), anchors, np.append(origin, 0.0), np.zeros(3))
     seconds = {"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched}
-    return registration_of(assessed, own, recording.users[reference].name, len(recording.ranges), seconds)
+    return registration_of(assessed, own, len(recording.ranges), seconds)
 
 
 def _inflation(best: LocalOptimum) -> Array:

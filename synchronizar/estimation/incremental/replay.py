@@ -12,6 +12,7 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State
+from synchronizar.data.survey import with_survey_origin
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Replay, Update, UserUpdate
 from synchronizar.diagnosis import findings_of
@@ -35,8 +36,8 @@ def replay(
     """Play a recording; `told` hears each update as it is known. Raises InputError as `register` does."""
     parameters = parameters or Parameters()
     began = perf_counter()
-    ref = reference_of(recording, reference, parameters)
-    engine = Engine(recording.users, ref, parameters)
+    measured = with_survey_origin(recording)
+    engine = Engine(measured.users, reference_of(measured, reference, parameters), parameters)
     rows: list[list[Array]] = [[] for _ in recording.users]
     updates: list[Update] = []
     known = _Known(engine, recording)
@@ -85,7 +86,7 @@ class _Known:
         """Go on to a moment, and tell."""
         engine, began = self.engine, perf_counter()
         events = advance(t)
-        now = [user_now(engine, u) for u in range(len(engine.users))]
+        now = [user_now(engine, u) for u in range(len(self.recording.users))]
         seconds = perf_counter() - began
         self._read(t)
         users = {
@@ -127,7 +128,9 @@ class _Known:
         if not self.engine.solved:
             measured = self.recording.ranges
             nothing = replace(self.recording, ranges=replace(measured, distance=np.full(len(measured), np.nan)))
-            return replace(register(nothing, self.recording.users[self.engine.reference].name), ranges=ranges)
+            reference = self.engine.users[self.engine.reference]
+            whose = None if reference.is_survey_origin else reference.name
+            return replace(register(nothing, whose), ranges=ranges)
         told = registration_now(self.engine)
         users = {name: replace(user, common_track=tracks.get(name)) for name, user in told.users.items()}
         return replace(told, users=users, ranges=ranges, seconds=seconds)
