@@ -31,6 +31,8 @@ class Code(StrEnum):
     """A device that moves and never turns: its attitude is not written."""
     HEIGHT = "height"
     """A SLAM origin that lies higher or lower than its height_sigma allows."""
+    SURVEY = "survey"
+    """A radio that is not where it was surveyed to be."""
     RANGE_BIAS = "range-bias"
     """Ranges that are too long or too short by an antenna delay."""
     UNKNOWN_COLUMN = "unknown-column"

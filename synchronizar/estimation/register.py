@@ -13,6 +13,7 @@ from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.reasons import with_reasons
 from synchronizar.diagnosis.solution import findings_of_solution
 from synchronizar.diagnosis.stamps import without_ranges_of_unknown_time
+from synchronizar.diagnosis.survey import survey_findings
 from synchronizar.errors import InputError
 from synchronizar.estimation.full import register_full
 from synchronizar.estimation.rigid import register_rigid
@@ -53,6 +54,7 @@ def register(
     used = without_suspect_poses(without_ranges_of_unknown_time(measured, found), parameters)
     registration = solve(used, ref, parameters, progress or unheard)
     found += findings_of_solution(without_suspect_poses(recording, parameters), registration, found, parameters)
+    found += survey_findings(recording, registration, parameters)
     return with_reasons(_with_used_poses(registration, recording, used), found)
 
 

@@ -17,6 +17,7 @@ from synchronizar.data.track import Track
 from synchronizar.data.updates import Replay, Update, UserUpdate
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.reasons import with_reasons
+from synchronizar.diagnosis.survey import survey_findings
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.told import registration_now, user_now
 from synchronizar.estimation.register import reference_of, register
@@ -67,8 +68,9 @@ def replay(
     tell(engine.complete)
     tracks = {user.name: _track(np.array(of)) for user, of in zip(recording.users, rows, strict=True) if of}
     seconds = {"load": 0.0, "initialise": 0.0, "solve": perf_counter() - began}
-    found = findings_of(recording, parameters)
-    return Replay(updates, tracks, with_reasons(known.registration(tracks, seconds), found))
+    registration = known.registration(tracks, seconds)
+    found = [*findings_of(recording, parameters), *survey_findings(recording, registration, parameters)]
+    return Replay(updates, tracks, with_reasons(registration, found))
 
 
 class _Known:
