@@ -112,6 +112,12 @@ class SlamParameters:
     """rad: SLAM knows gravity to a degree, a rebuilt step to about this; a smaller tilt is noise."""
     jump_speed: float = 0.2
     """m/s: velocities that differ by less do not tell whether axes turned; a second of walking varies as much."""
+    aligned_turn: float = 0.02
+    """rad: attitudes that keep the direction of motion nearer to one body axis than this were computed from it: ..."""
+    aligned_share: float = 0.9
+    """... so large a share of those of a device that moves, ..."""
+    aligned_fewest: int = 10
+    """... and so many of them."""
     glitch_duration: float = 1.0
     """s: an attitude that is back within this was wrong by itself; a lost map is not found again so soon."""
 

@@ -326,8 +326,10 @@ def fed(estimator: sz.Estimator, recording: Recording, since: float = 0.0, until
 
 def test_an_estimator_with_surveyed_radios_answers_in_the_surveys_frame() -> None:
     recording = walked()
-    settings = {user.name: {"static": True, "position": user.position} for user in recording.users if user.static}
-    estimator = sz.Estimator({**settings, "phone": {}}, workers=0)
+    calibrated = {"range_bias": 0.0, "range_bias_sigma": 0.01}
+    radios = [user for user in recording.users if user.static]
+    settings = {user.name: {"static": True, "position": user.position, **calibrated} for user in radios}
+    estimator = sz.Estimator({**settings, "phone": calibrated}, workers=0)
     assert estimator.reference == "survey"
     assert estimator.registration().reference == "survey"
     fed(estimator, recording)
