@@ -165,6 +165,8 @@ class PriorParameters:
     """Degrees of freedom of Student's t: most are where they say, a robot's or one on a stand is not."""
     static_height_sigma: float = 3.0
     """m: the same of a static radio, on the floor, on a shelf, under the roof."""
+    highest_begin: float = 20.0
+    """m: a track that begins farther above or below its zero has a map's, not its SLAM's."""
     survey_sigma: float = 0.02
     """m, 1 sigma on each axis of a surveyed radio's place."""
     survey_dof: float = 4.0
@@ -271,6 +273,10 @@ class IntegrityParameters:
     """m: a surveyed radio that the ranges have further from its entry, and by as many sigmas, is somewhere else."""
     largest_rejected: float = 0.75
     """Nobody is registered of whose ranges a larger share is rejected."""
+    reference_rejected: float = 0.6
+    """The reference's own track is contradicted where a larger share of its ranges is rejected, ..."""
+    others_rejected: float = 0.15
+    """... and a smaller one than this of those between the others."""
     systematic_inflation: float = 2.0
     """With most ranges rejected, nobody is registered whose covariance residuals inflate by more than this."""
     residual_pieces: int = 12

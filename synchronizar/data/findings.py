@@ -59,7 +59,7 @@ class Code(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something in a recording that looks wrong. It changes nothing by itself."""
+    """Something in a recording that looks wrong. It changes no number by itself."""
 
     code: Code
     user: str | None
@@ -68,6 +68,8 @@ class Finding:
     """What was seen, with the number that makes it likely."""
     remedy: str
     """What the user can do about it."""
+    others: tuple[str, ...] = ()
+    """Further users whose it is."""
 
     def __str__(self) -> str:
         whose = "" if self.user is None else f" {self.user}:"

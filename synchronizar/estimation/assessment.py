@@ -19,6 +19,9 @@ from synchronizar.preprocessing.extent import extent_points
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
 
+_FEWEST_RANGES = 20  # for a share of them
+
+
 class Assessment(NamedTuple):
     """What the local optima say of each of k users where its track ends, in the graph's frame."""
 
@@ -72,7 +75,9 @@ def assess(
     progress[graph.reference] = 1.0
     covariances = np.zeros((len(graph.users), 6, 6))
     covariances[:, :4, :4] = found[0].covariances
-    judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered)
+    beside = (graph.measurements.i != graph.reference) & (graph.measurements.j != graph.reference)
+    of_others = float((inlier_probability[beside] < 0.5).mean()) if beside.sum() >= _FEWEST_RANGES else 1.0
+    judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, of_others)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
             judged[u] = with_survey(verdict, states.anchor_poses[u, :3] - graph.problem.survey[u], graph, u)
