@@ -18,7 +18,6 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.extent import extent_points
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
-
 _FEWEST_RANGES = 20  # for a share of them
 
 
