@@ -324,25 +324,28 @@ NB_MODULE(_core, m) {
       .def(
           "__init__",
           [](WalkNoise* self, const Column& nlos_odds, const Column& range_weight,
-             const ThreeColumns& step_sigma, const WalkPlaces& about, double place_sigma, double yaw_sigma,
-             const Column& height_sigma, const ThreeColumns& device_sigma, const Vector3& shared_sigma,
+             const ThreeColumns& step_sigma, const WalkPlaces& about, const Column& place_sigma,
+             double yaw_sigma, const Column& height_sigma, const Marks& surveyed,
+             const ThreeColumns& device_sigma, const Column& known_bias_sigma, const Vector3& shared_sigma,
              const Column& assumed_clock) {
             check_nlos_odds(nlos_odds, range_weight.size());
             check_range_weight(range_weight, range_weight.size());
             const auto k = about.rows();
-            require(height_sigma.size() == k && device_sigma.rows() == k && assumed_clock.size() == k,
+            require(place_sigma.size() == k && height_sigma.size() == k && surveyed.size() == k &&
+                        device_sigma.rows() == k && known_bias_sigma.size() == k && assumed_clock.size() == k,
                     "priors must have one row a user");
-            require(place_sigma > 0.0 && yaw_sigma > 0.0 && (height_sigma.array() > 0.0).all() &&
-                        (device_sigma.array() > 0.0).all() && (shared_sigma.array() > 0.0).all() &&
-                        (step_sigma.array() > 0.0).all(),
+            require((place_sigma.array() > 0.0).all() && yaw_sigma > 0.0 && (height_sigma.array() > 0.0).all() &&
+                        (device_sigma.array() > 0.0).all() && (known_bias_sigma.array() > 0.0).all() &&
+                        (shared_sigma.array() > 0.0).all() && (step_sigma.array() > 0.0).all(),
                     "sigmas must be positive");
             require(about.allFinite() && assumed_clock.allFinite() && step_sigma.allFinite(),
                     "priors must be finite");
-            new (self) WalkNoise{nlos_odds, range_weight, step_sigma,   about,        place_sigma,
-                                 yaw_sigma, height_sigma, device_sigma, shared_sigma, assumed_clock};
+            new (self) WalkNoise{nlos_odds, range_weight, step_sigma,   about,            place_sigma,  yaw_sigma,
+                                 height_sigma, surveyed,     device_sigma, known_bias_sigma, shared_sigma, assumed_clock};
           },
           "nlos_odds"_a, "range_weight"_a, "step_sigma"_a, "about"_a, "place_sigma"_a, "yaw_sigma"_a,
-          "height_sigma"_a, "device_sigma"_a, "shared_sigma"_a, "assumed_clock"_a);
+          "height_sigma"_a, "surveyed"_a, "device_sigma"_a, "known_bias_sigma"_a, "shared_sigma"_a,
+          "assumed_clock"_a);
 
   nb::class_<WalkSolver>(m, "WalkSolver")
       .def(
@@ -425,8 +428,8 @@ NB_MODULE(_core, m) {
       .def(
           "step_noise",
           [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
-             const WalkNoise& noise, const LossKind& loss, const WalkSolver::Marks& kept,
-             const WalkSolver::Marks& counted, double weight, int rounds) {
+             const WalkNoise& noise, const LossKind& loss, const Marks& kept,
+             const Marks& counted, double weight, int rounds) {
             check_states(self, places, calibration, noise);
             require(kept.size() == places.rows() && counted.size() == places.rows(),
                     "kept and counted must be (m,)");
@@ -444,7 +447,8 @@ NB_MODULE(_core, m) {
           [](RigidSolver* self, const RigidSolver::Marks& active, int reference, const Numbers& first,
              const Numbers& user_i, const Numbers& user_j, const Column& t, const Points& i, const Points& j,
              const Column& measured, const Column& sigma, const Column& nlos_odds, const Column& height_sigma,
-             double place_sigma, double yaw_sigma, const NlosMixture& loss) {
+             double place_sigma, double yaw_sigma, const Points& survey, const Column& survey_sigma,
+             double survey_dof, const NlosMixture& loss) {
             const auto n = measured.size(), k = active.size(), pairs = user_i.size();
             check_bounds(first, n);
             require(t.size() == n && t.allFinite(), "t must be (n,) and finite");
@@ -460,13 +464,17 @@ NB_MODULE(_core, m) {
                       "t must be sorted within a pair");
             }
             require(height_sigma.size() == k && (height_sigma.array() > 0.0).all() && place_sigma > 0.0 &&
-                        yaw_sigma > 0.0,
+                        yaw_sigma > 0.0 && survey_sigma.size() == k && (survey_sigma.array() > 0.0).all() &&
+                        survey_dof > 0.0,
                     "sigmas of priors must be positive");
-            new (self) RigidSolver({first, user_i, user_j, t, i, j, measured, sigma, nlos_odds}, active,
-                                   reference, {height_sigma, place_sigma, yaw_sigma}, loss);
+            require(survey.rows() == k, "survey must be (k, 3)");
+            new (self)
+                RigidSolver({first, user_i, user_j, t, i, j, measured, sigma, nlos_odds}, active, reference,
+                            {height_sigma, place_sigma, yaw_sigma, survey, survey_sigma, survey_dof}, loss);
           },
           "active"_a, "reference"_a, "first"_a, "user_i"_a, "user_j"_a, "t"_a, "i"_a, "j"_a, "measured"_a,
-          "sigma"_a, "nlos_odds"_a, "height_sigma"_a, "place_sigma"_a, "yaw_sigma"_a, "loss"_a)
+          "sigma"_a, "nlos_odds"_a, "height_sigma"_a, "place_sigma"_a, "yaw_sigma"_a, "survey"_a, "survey_sigma"_a, "survey_dof"_a,
+          "loss"_a)
       .def(
           "residuals",
           [](const RigidSolver& self, const Frames& frames) {

@@ -14,6 +14,7 @@ namespace synchronizar {
 
 namespace {
 
+constexpr double kNoSigma = 1e6;           // m: of a height that a prior tells nothing of
 constexpr double kLeastInformation = 0.1;  // share of it that is left where the cost bends downwards
 
 pair_sums::Place place_of(const Frames& frames, int user) {
@@ -44,7 +45,8 @@ RigidSolver::RigidSolver(RigidRanges ranges, Marks active, int reference, RigidP
       active_(std::move(active)),
       at_(Numbers::Constant(active_.size(), -1)),
       priors_(std::move(priors)),
-      height_weight_(active_.select(priors_.height.array().square().inverse(), 0.0)),
+      height_weight_((active_ && priors_.survey.col(0).array().isNaN())
+                         .select(priors_.height.array().square().inverse(), 0.0)),
       height_weights_(height_weight_.sum()),
       loss_(loss),
       columns_(counts_of(ranges_.first)) {
@@ -93,34 +95,55 @@ double RigidSolver::mean_height(const Frames& frames) const {
   return sum / height_weights_;
 }
 
-double RigidSolver::height_cost(const Frames& frames) const {
-  const double mean = mean_height(frames);
+double RigidSolver::prior_cost(const Frames& frames) const {
+  const double mean = mean_height(frames), tail = priors_.survey_dof + 3.0;
   double sum = 0.0;
   for (Eigen::Index u = 0; u < users(); ++u) {
-    if (active_[u]) sum += height_weight_[u] * (frames(u, 2) - mean) * (frames(u, 2) - mean);
+    if (!active_[u]) continue;
+    sum += height_weight_[u] * (frames(u, 2) - mean) * (frames(u, 2) - mean);
+    if (!is_surveyed(u)) continue;
+    const double square = (frames.row(u).head<3>() - priors_.survey.row(u)).squaredNorm();
+    sum += tail * std::log1p(square / (priors_.survey_sigma[u] * priors_.survey_sigma[u]) / tail);
   }
   return 0.5 * sum;
 }
 
-void RigidSolver::linearize(const Frames& frames, const Frames& about, const Eigen::ArrayXd& late,
-                            double annealing, System& out) const {
+Column RigidSolver::survey_information(const Frames& frames) const {
+  const double tail = priors_.survey_dof + 3.0;
+  Column out = Column::Zero(users());
+  for (Eigen::Index u = 0; u < users(); ++u) {
+    if (!active_[u] || !is_surveyed(u)) continue;
+    const double square = (frames.row(u).head<3>() - priors_.survey.row(u)).squaredNorm();
+    const double variance = priors_.survey_sigma[u] * priors_.survey_sigma[u];
+    out[u] = tail / (tail + square / variance) / variance;
+  }
+  return out;
+}
+
+void RigidSolver::linearize(const Frames& frames, const Frames& about, const Column& surveys,
+                            const Eigen::ArrayXd& late, double annealing, System& out) const {
   out.matrix.setZero(variables_, variables_);
   out.downwards.setZero(variables_, variables_);
   out.gradient.setZero(variables_);
-  out.cost = height_cost(frames);
+  out.cost = 0.0;
   out.bends_down = false;
-  const double mean = mean_height(frames);
+  const double mean = mean_height(frames), in_yaw = 1.0 / (priors_.yaw * priors_.yaw);
   for (Eigen::Index u = 0; u < users(); ++u) {
     const int at = at_[u];
+    if (active_[u]) out.cost += 0.5 * height_weight_[u] * (frames(u, 2) - mean) * (frames(u, 2) - mean);
     if (at < 0) continue;
-    const double in_plane = 1.0 / (priors_.place * priors_.place), in_yaw = 1.0 / (priors_.yaw * priors_.yaw);
-    const double x = frames(u, 0) - about(u, 0), y = frames(u, 1) - about(u, 1);
+    const bool surveyed = is_surveyed(u);
+    const double in_plane = surveyed ? surveys[u] : 1.0 / (priors_.place * priors_.place);
+    const double in_height = surveyed ? surveys[u] : height_weight_[u];
+    const double x = frames(u, 0) - (surveyed ? priors_.survey(u, 0) : about(u, 0));
+    const double y = frames(u, 1) - (surveyed ? priors_.survey(u, 1) : about(u, 1));
+    const double z = frames(u, 2) - (surveyed ? priors_.survey(u, 2) : mean);
     const double yaw = wrapped(frames(u, 3) - about(u, 3));
     out.cost += 0.5 * (in_plane * (x * x + y * y) + in_yaw * yaw * yaw);
-    out.gradient.segment<4>(at) << in_plane * x, in_plane * y, height_weight_[u] * (frames(u, 2) - mean),
-        in_yaw * yaw;
+    if (surveyed) out.cost += 0.5 * in_height * z * z;
+    out.gradient.segment<4>(at) << in_plane * x, in_plane * y, in_height * z, in_yaw * yaw;
     out.matrix(at, at) = out.matrix(at + 1, at + 1) = in_plane;
-    out.matrix(at + 2, at + 2) = height_weight_[u];
+    out.matrix(at + 2, at + 2) = in_height;
     out.matrix(at + 3, at + 3) = in_yaw;
     for (Eigen::Index v = 0; v <= u; ++v) {
       if (at_[v] >= 0)
@@ -165,7 +188,7 @@ void RigidSolver::linearize(const Frames& frames, const Frames& about, const Eig
 double RigidSolver::cost(const Frames& frames, const Column& nlos_odds, double most) const {
   const Eigen::ArrayXd late = late_density(nlos_odds);
   const auto places = places_of(frames);
-  double sum = height_cost(frames);
+  double sum = prior_cost(frames);
   for (Eigen::Index p = 0; p < pairs() && sum <= most; ++p) {
     sum += pair_sums::nlos_mixture_cost(columns_, p, places[static_cast<size_t>(ranges_.user_i[p])],
                                         places[static_cast<size_t>(ranges_.user_j[p])], loss_, 1.0, late);
@@ -177,7 +200,7 @@ std::pair<Column, double> RigidSolver::e_step(const Frames& frames, const Bursts
   const Column whitened = residuals(frames).cwiseQuotient(ranges_.sigma);
   PairsBurstOdds found =
       burst_nlos_odds(ranges_.first, ranges_.t, whitened, ranges_.sigma, ranges_.nlos_odds, loss_, bursts);
-  return {std::move(found.nlos_odds), found.cost.sum() + height_cost(frames)};
+  return {std::move(found.nlos_odds), found.cost.sum() + prior_cost(frames)};
 }
 
 Frames RigidSolver::moved(const Frames& frames, const Column& step, double length) const {
@@ -194,8 +217,9 @@ Frames RigidSolver::optimize(Frames frames, const Frames& about, const Column& n
                              int steps, double gain, const Known& known) const {
   if (steps == 0 || variables_ == 0) return frames;
   const Eigen::ArrayXd late = late_density(nlos_odds);
+  const Column surveys = survey_information(frames);
   System here, there;
-  linearize(frames, about, late, annealing, here);
+  linearize(frames, about, surveys, late, annealing, here);
   for (int n = 0; n < steps; ++n) {
     // Where bends make the matrix indefinite they are left out; where rounding does, the step is damped.
     Lower root(here.bends_down ? Eigen::MatrixXd(here.matrix + here.downwards) : here.matrix);
@@ -212,7 +236,7 @@ Frames RigidSolver::optimize(Frames frames, const Frames& about, const Column& n
     for (double length = 1.0;; length *= kShorter) {
       if (length < kShortest) return frames;
       Frames candidate = moved(frames, step, -length);
-      linearize(candidate, about, late, annealing, there);
+      linearize(candidate, about, surveys, late, annealing, there);
       const double gained = here.cost - there.cost;
       if (!(gained > kSufficient * length * predicted)) continue;
       frames = std::move(candidate);
@@ -259,7 +283,9 @@ std::vector<Heights> RigidSolver::other_heights(const Frames& frames, const Colu
   for (Eigen::Index u = 0; u < this->users(); ++u) {
     const auto f = frames.row(u);
     const UserPose pose = active_[u] ? UserPose{f[0], f[1], f[3], f[2]} : UserPose{};
-    users.push_back({pose, priors_.height[u], at_[u] >= 0, false});
+    // What was surveyed stays, and tells nothing of the others' mean height.
+    users.push_back(is_surveyed(u) ? HeightUser{pose, kNoSigma, false, false}
+                                   : HeightUser{pose, priors_.height[u], at_[u] >= 0, false});
   }
   std::vector<RangeBlock> blocks;
   blocks.reserve(static_cast<size_t>(pairs()));
@@ -279,7 +305,7 @@ std::vector<Heights> RigidSolver::other_heights(const Frames& frames, const Colu
 Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor> RigidSolver::covariances(
     const Frames& frames, const Column& nlos_odds) const {
   System system;
-  linearize(frames, frames, late_density(nlos_odds), 1.0, system);
+  linearize(frames, frames, survey_information(frames), late_density(nlos_odds), 1.0, system);
   Lower root(system.matrix);
   // Where it is singular to rounding, what is not known gets a large covariance all the same.
   double damping = 1e-12;

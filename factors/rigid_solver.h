@@ -7,6 +7,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <limits>
 #include <vector>
 
@@ -29,8 +30,11 @@ struct RigidRanges {
 
 // As 1 sigma.
 struct RigidPriors {
-  Column height;      // (k) m, of each origin about the mean height
+  Column height;      // (k) m, of each origin about the mean height, but for surveyed ones
   double place, yaw;  // of the free users' frames about where the optimisation begins
+  Points survey;        // (k) m, where each was surveyed to be; NaN of who was not
+  Column survey_sigma;  // (k) m, on each axis: Student's t ...
+  double survey_dof;    // ... of so many degrees of freedom
 };
 
 struct RigidOptimum {
@@ -101,10 +105,14 @@ class RigidSolver {
     double cost = 0.0;
     bool bends_down = false;
   };
-  void linearize(const Frames& frames, const Frames& about, const Eigen::ArrayXd& late, double annealing,
-                 System& out) const;
+  void linearize(const Frames& frames, const Frames& about, const Column& surveys, const Eigen::ArrayXd& late,
+                 double annealing, System& out) const;
   Eigen::Index pairs() const { return ranges_.user_i.size(); }
-  double height_cost(const Frames& frames) const;
+  // Of the heights about their mean, and of the surveyed places.
+  double prior_cost(const Frames& frames) const;
+  bool is_surveyed(Eigen::Index user) const { return !std::isnan(priors_.survey(user, 0)); }
+  // (k) 1/m^2: the information that each survey is at these frames, Student's t being a scale mixture.
+  Column survey_information(const Frames& frames) const;
   double mean_height(const Frames& frames) const;
   Eigen::ArrayXd late_density(const Column& nlos_odds) const;
   Frames moved(const Frames& frames, const Column& step, double length) const;

@@ -369,6 +369,7 @@ Vector3 WalkSolver::shared_calibration(const WalkStates& states, const WalkNoise
 double WalkSolver::mean_height(const WalkStates& states, const WalkNoise& noise) const {
   double weight = 0.0, sum = 0.0;
   for (int u = 0; u < walks_.users; ++u) {
+    if (noise.surveyed[u]) continue;
     const double own = std::pow(noise.height_sigma[u], -2);
     weight += own;
     if (u != walks_.reference) sum += own * height_of_origin(u, states);
@@ -383,11 +384,12 @@ double WalkSolver::prior_cost(const WalkStates& states, const WalkNoise& noise) 
   for (int u = 0; u < walks_.users; ++u) {
     const Vector3 apart = Vector3(states.calibration.row(u)) - shared;
     sum += apart.cwiseQuotient(Vector3(noise.device_sigma.row(u))).squaredNorm();
+    sum += std::pow(states.calibration(u, 1) / noise.known_bias_sigma[u], 2);
     const double height = u == walks_.reference ? 0.0 : height_of_origin(u, states);
-    sum += std::pow((height - mean) / noise.height_sigma[u], 2);
+    sum += std::pow((height - (noise.surveyed[u] ? noise.about(u, 2) : mean)) / noise.height_sigma[u], 2);
     if (u == walks_.reference) continue;
     const auto off = states.places.row(walks_.first[u]) - noise.about.row(u);
-    sum += (off[0] * off[0] + off[1] * off[1]) / (noise.place_sigma * noise.place_sigma);
+    sum += (off[0] * off[0] + off[1] * off[1]) / (noise.place_sigma[u] * noise.place_sigma[u]);
     sum += std::pow(wrapped(off[3]) / noise.yaw_sigma, 2);
   }
   return 0.5 * sum;
@@ -409,26 +411,32 @@ void WalkSolver::add_priors(System& system, const WalkStates& states, const Walk
     system.add(shared_at_, device, Eigen::Matrix3d(-Eigen::Matrix3d(own.asDiagonal())));
     system.add_gradient(device, pull);
     system.add_gradient(shared_at_, Vector3(-pull));
+    const double of_bias = std::pow(noise.known_bias_sigma[u], -2);
+    system.add(device, device, Eigen::Matrix3d(Vector3(0.0, of_bias, 0.0).asDiagonal()));
+    system.add_gradient(device, Vector3(0.0, of_bias * states.calibration(u, 1), 0.0));
     // Height of the origin: that of the first keyframe without scale times SLAM's.
     const double weight = std::pow(noise.height_sigma[u], -2);
-    const bool fixed = u == walks_.reference;
-    const double slope = weight * ((fixed ? 0.0 : height_of_origin(u, states)) - mean);
-    system.add(mean_height_at_, mean_height_at_, One(weight));
-    system.add_gradient(mean_height_at_, One(-slope));
+    const bool fixed = u == walks_.reference, by_itself = noise.surveyed[u];
+    const double slope =
+        weight * ((fixed ? 0.0 : height_of_origin(u, states)) - (by_itself ? noise.about(u, 2) : mean));
+    if (!by_itself) {
+      system.add(mean_height_at_, mean_height_at_, One(weight));
+      system.add_gradient(mean_height_at_, One(-slope));
+    }
     if (fixed) continue;
     const int first = walks_.first[u];
     const auto off = states.places.row(first) - noise.about.row(u);
-    const double in_plane = std::pow(noise.place_sigma, -2), in_yaw = std::pow(noise.yaw_sigma, -2);
+    const double in_plane = std::pow(noise.place_sigma[u], -2), in_yaw = std::pow(noise.yaw_sigma, -2);
     const Where& at = keyframe_at_[static_cast<size_t>(first)];
     system.add(at, at, Eigen::Matrix4d(Eigen::Vector4d(in_plane, in_plane, weight, in_yaw).asDiagonal()));
     system.add_gradient(
         at, Eigen::Vector4d(in_plane * off[0], in_plane * off[1], slope, in_yaw * wrapped(off[3])));
-    system.add(mean_height_at_, at, Eigen::RowVector4d(0.0, 0.0, -weight, 0.0));
+    if (!by_itself) system.add(mean_height_at_, at, Eigen::RowVector4d(0.0, 0.0, -weight, 0.0));
     const double by_scale = -std::exp(states.calibration(u, 0)) * walks_.slam(first, 2);
     system.add(device, device, One(weight * by_scale * by_scale));
     system.add_gradient(device, One(slope * by_scale));
     system.add(device, at, Eigen::RowVector4d(0.0, 0.0, weight * by_scale, 0.0));
-    system.add(mean_height_at_, device, One(-weight * by_scale));
+    if (!by_itself) system.add(mean_height_at_, device, One(-weight * by_scale));
   }
 }
 
@@ -615,7 +623,13 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
   its.step_sigma = noise.step_sigma(keyframes, all);
   its.about.resize(part.users, 4);
   for (int u = 0; u < part.users; ++u) its.about.row(u) = here.places.row(part.first[u]);
+  for (int u = 0; u < part.users; ++u) {
+    if (noise.surveyed[users[static_cast<size_t>(u)]]) its.about.row(u) = noise.about.row(users[static_cast<size_t>(u)]);
+  }
+  its.place_sigma = noise.place_sigma(users);
   its.height_sigma = noise.height_sigma(users);
+  its.surveyed = noise.surveyed(users);
+  its.known_bias_sigma = noise.known_bias_sigma(users);
   its.device_sigma = noise.device_sigma(users, all);
   its.assumed_clock = noise.assumed_clock(users);
   // The first keyframe that stays of a user has no step that leads to it.

@@ -164,18 +164,21 @@ class WalkNoise:
         range_weight: Array,
         step_sigma: Array,
         about: Array,
-        place_sigma: float,
+        place_sigma: Array,
         yaw_sigma: float,
         height_sigma: Array,
+        surveyed: Mask,
         device_sigma: Array,
+        known_bias_sigma: Array,
         shared_sigma: Array,
         assumed_clock: Array,
     ) -> None:
         """Of ranges (n,) each; `step_sigma` (m, 3) of the step to each keyframe: in the plane, height and yaw.
 
-        `about` (k, 4) prior means of each user's first keyframe, with `place_sigma` and `yaw_sigma`; `height_sigma`
-        (k,) of origins about their mean; `device_sigma` (k, 3) of calibrations about the shared one, `shared_sigma`
-        (3,) of that about 0; `assumed_clock` (k,) s at which antennas were read.
+        `about` (k, 4) prior means of each user's first keyframe, with `place_sigma` (k,) and `yaw_sigma`;
+        `height_sigma` (k,) of origins about their mean, of `surveyed` ones about their own; `device_sigma` (k, 3) of
+        calibrations about the shared one, `known_bias_sigma` (k,) of biases about 0 besides, infinite where unknown;
+        `shared_sigma` (3,) of the shared one about 0; `assumed_clock` (k,) s at which antennas were read.
         """
 
 class WalkSolver:
@@ -271,12 +274,17 @@ class RigidSolver:
         height_sigma: Array,
         place_sigma: float,
         yaw_sigma: float,
+        survey: Array,
+        survey_sigma: Array,
+        survey_dof: float,
         loss: NlosMixture,
     ) -> None:
         """`active` (k,) who has a frame; `first` (p + 1,) the first range of each pair of users, and the end.
 
         `user_i`, `user_j` (p,); `t` (n,) s, sorted within a pair; `i`, `j` (n, 3) m antennas in their users' frames.
-        Sigmas of priors: heights' (k,) about their mean, of place and yaw about where an optimisation begins.
+        Sigmas of priors: heights' (k,) about their mean, of place and yaw about where an optimisation begins;
+        `survey` (k, 3) m where surveyed radios are, NaN of others, with `survey_sigma` (k,) m and Student's t of
+        `survey_dof` degrees of freedom.
         """
 
     def residuals(self, frames: Array) -> Array:

@@ -112,6 +112,12 @@ class SlamParameters:
     """rad: SLAM knows gravity to a degree, a rebuilt step to about this; a smaller tilt is noise."""
     jump_speed: float = 0.2
     """m/s: velocities that differ by less do not tell whether axes turned; a second of walking varies as much."""
+    aligned_turn: float = 0.02
+    """rad: attitudes that keep the direction of motion nearer to one body axis than this were computed from it: ..."""
+    aligned_share: float = 0.9
+    """... so large a share of those of a device that moves, ..."""
+    aligned_fewest: int = 10
+    """... and so many of them."""
     glitch_duration: float = 1.0
     """s: an attitude that is back within this was wrong by itself; a lost map is not found again so soon."""
 
@@ -132,6 +138,8 @@ class DeviceParameters:
     """m, 1 sigma of what all have in common: one delay set for the whole kind."""
     bias_dof: float = 20.0
     """Degrees of freedom for both. With longer tails a radio seen from one side trades bias for distance."""
+    known_bias_sigma: float = 0.01
+    """m, 1 sigma of a radio's bias that the recording gives, where it does not say how well it is known."""
     clock_sigma: float = 0.04
     """s, 1 sigma of each device's clock against that of the ranges."""
     clock_common_sigma: float = 0.04
@@ -157,6 +165,12 @@ class PriorParameters:
     """Degrees of freedom of Student's t: most are where they say, a robot's or one on a stand is not."""
     static_height_sigma: float = 3.0
     """m: the same of a static radio, on the floor, on a shelf, under the roof."""
+    highest_begin: float = 20.0
+    """m: a track that begins farther above or below its zero has a map's, not its SLAM's."""
+    survey_sigma: float = 0.02
+    """m, 1 sigma on each axis of a surveyed radio's place."""
+    survey_dof: float = 4.0
+    """Degrees of freedom of Student's t: now and then an entry is mistyped, or a radio was moved since."""
     place_sigma: float = 100.0
     """m: prior of a frame's place about where the search put it. It says nothing, but keeps the graph solvable."""
     yaw_sigma: float = 1.8
@@ -255,8 +269,14 @@ class IntegrityParameters:
     that only drift tells one mirror image from the other."""
     height_contradicted: float = 4.0
     """Nobody is registered whose height is more of its prior's sigmas off: something else is wrong."""
+    survey_contradicted: float = 0.3
+    """m: a surveyed radio that the ranges have further from its entry, and by as many sigmas, is somewhere else."""
     largest_rejected: float = 0.75
     """Nobody is registered of whose ranges a larger share is rejected."""
+    reference_rejected: float = 0.6
+    """The reference's own track is contradicted where a larger share of its ranges is rejected, ..."""
+    others_rejected: float = 0.15
+    """... and a smaller one than this of those between the others."""
     systematic_inflation: float = 2.0
     """With most ranges rejected, nobody is registered whose covariance residuals inflate by more than this."""
     residual_pieces: int = 12

@@ -31,6 +31,8 @@ class Code(StrEnum):
     """A device that moves and never turns: its attitude is not written."""
     HEIGHT = "height"
     """A SLAM origin that lies higher or lower than its height_sigma allows."""
+    SURVEY = "survey"
+    """A radio that is not where it was surveyed to be."""
     RANGE_BIAS = "range-bias"
     """Ranges that are too long or too short by an antenna delay."""
     UNKNOWN_COLUMN = "unknown-column"
@@ -57,7 +59,7 @@ class Code(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something in a recording that looks wrong. It changes nothing by itself."""
+    """Something in a recording that looks wrong. It changes no number by itself."""
 
     code: Code
     user: str | None
@@ -66,6 +68,8 @@ class Finding:
     """What was seen, with the number that makes it likely."""
     remedy: str
     """What the user can do about it."""
+    others: tuple[str, ...] = ()
+    """Further users whose it is."""
 
     def __str__(self) -> str:
         whose = "" if self.user is None else f" {self.user}:"

@@ -20,6 +20,7 @@ from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
 from synchronizar.parameters import DiagnosisParameters, Parameters
+from synchronizar.preprocessing.raised import raised_by
 
 X, Y, Z, YAW, BIAS, SCALE = range(6)
 TERMS = 6
@@ -65,12 +66,12 @@ def adjusted(recording: Recording, registration: Registration, parameters: Param
     free[static, YAW] = free[static, SCALE] = False
 
     # Heights of the origins as the solution has them, and biases: both are what the priors speak of.
-    origin, centre = np.zeros(k), np.zeros((k, 3))
+    origin, centre, raised = np.zeros(k), np.zeros((k, 3)), raised_by(recording, parameters)
     for u, user in enumerate(recording.users):
         if user.name not in tracks:
             continue
         centre[u] = tracks[user.name].position.mean(axis=0)
-        own = 0.0 if user.static else float(recording.tracks[user.name].position[0, 2])
+        own = 0.0 if user.static else float(recording.tracks[user.name].position[0, 2] - raised[u])
         origin[u] = tracks[user.name].position[0, 2] - own
     origin -= origin[reference]
     start = np.zeros((k, TERMS))

@@ -22,6 +22,8 @@ from synchronizar.arrays import Array
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
+from synchronizar.data.user import User
+from synchronizar.diagnosis.attitudes import NOT_USED
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.parameters import DiagnosisParameters, Parameters
 from synchronizar.quaternions import rotate_by_quaternions
@@ -66,7 +68,7 @@ def posture(track: Track, order: Order, up: Up, parameters: Parameters) -> Postu
 def axis_findings(recording: Recording, signs: Mapping[str, Sign], parameters: Parameters) -> list[Finding]:
     """Of each track whose vertical is not z, or whose quaternions are written as w x y z."""
     return [
-        _finding(name, recording.tracks[name], sign, recording.users[recording.index(name)].up, parameters)
+        _finding(recording.users[recording.index(name)], recording.tracks[name], sign, parameters)
         for name, sign in signs.items()
     ]
 
@@ -143,7 +145,8 @@ def _points_down(posture: Posture, limits: DiagnosisParameters) -> bool:
     return bool(ahead == 0 and forward[0] > 0.0 and up[2] < limits.upside_down)
 
 
-def _finding(name: str, track: Track, sign: Sign, up: Up, parameters: Parameters) -> Finding:
+def _finding(user: User, track: Track, sign: Sign, parameters: Parameters) -> Finding:
+    name, up = user.name, user.up
     as_read, reordered = (posture(track, order, up, parameters) for order in ORDERS)
     spread = track.position.std(axis=0)
     if sign.code is Code.QUATERNION_ORDER:
@@ -157,7 +160,7 @@ def _finding(name: str, track: Track, sign: Sign, up: Up, parameters: Parameters
         return Finding(
             sign.code,
             name,
-            f"its quaternions are likely in the order w x y z: {seen}",
+            f"its quaternions are likely in the order w x y z: {seen}" + (NOT_USED if user.antennas else ""),
             "write them in the order qx qy qz qw",
         )
     letter, taken = OWN_AXES[up][sign.vertical], OWN_AXES[up][2]

@@ -8,6 +8,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
+from synchronizar.diagnosis.attitudes import NOT_USED
 from synchronizar.diagnosis.stamps import duration
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.suspect_poses import frozen_runs
@@ -123,7 +124,7 @@ def attitude_findings(recording: Recording, parameters: Parameters) -> list[Find
         if attitude_span(track) > limits.attitude_noise:
             continue
         what = "the identity" if abs(track.quat_xyzw[0, 3]) > 1.0 - 1e-6 else "the same"
-        has = " and it has antennas, whose place depends on it" if user.antennas else ""
+        has = NOT_USED if user.antennas else ""
         found.append(
             Finding(
                 Code.ATTITUDE_UNKNOWN,

@@ -47,5 +47,6 @@ def swapped_radio_findings(recording: Recording, in_metres: PairFits, parameters
             f"{one} and {other} likely carry each other's radio: with the two names exchanged their "
             f"ranges fit to {after:.2f} m, otherwise to {before:.2f} m",
             f"exchange the names {one} and {other} in ranges.csv",
+            (other,),
         )
     ]

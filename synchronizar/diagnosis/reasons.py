@@ -26,6 +26,8 @@ CAUSES = (
     Code.FROZEN_POSES,
 )
 """What keeps a user from being registered, the gravest first."""
+CONTRADICTS = (Code.SWAPPED_RADIOS,)
+"""What leaves no doubt that a user is not where a solution has it; where it is the reference's, nobody is."""
 CUTS_OFF = (Code.TIME_UNIT, Code.TIME_OVERLAP, Code.NO_RANGES, Code.RANGE_UNIT, Code.SPARSE_POSES)
 """What leaves a user without a usable range."""
 OF_ALL = (Code.TIME_UNIT, Code.NO_RANGES, Code.CLOCK, Code.RANGE_UNIT)
@@ -35,11 +37,16 @@ OF_ALL = (Code.TIME_UNIT, Code.NO_RANGES, Code.CLOCK, Code.RANGE_UNIT)
 def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Registration:
     """The registration with its findings, which stand before the reasons of users that are not registered.
 
-    Of a user that is disconnected only what leaves it, or the reference, without ranges explains it.
+    Who carries another's radio is not where the solution has it. Of a user that is disconnected only what leaves it, or
+    the reference, without ranges explains it.
     """
     reference = registration.reference
     users = {}
+    doubted = {name for f in findings if f.code in CONTRADICTS for name in (f.user, *f.others)}
     for name, user in registration.users.items():
+        if user.state is State.REGISTERED and not doubted.isdisjoint((name, reference)):
+            own = "its place" if name in doubted else "its place beside the reference"
+            user = replace(user, state=State.UNOBSERVABLE, reason=f"{own} is that of another radio")
         if user.state is State.DISCONNECTED:
             cause, of_reference = (_cause(findings, who, CUTS_OFF) for who in (name, reference))
             if cause is not None:
@@ -54,5 +61,7 @@ def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Reg
 
 def _cause(findings: Sequence[Finding], name: str | None, codes: Sequence[Code]) -> Finding | None:
     """The gravest of a user's own findings with these codes, else of those that are everybody's."""
-    own = [f for f in findings if f.code in codes and (f.code in OF_ALL if f.user is None else f.user == name)]
+    own = [
+        f for f in findings if f.code in codes and (f.code in OF_ALL if f.user is None else name in (f.user, *f.others))
+    ]
     return min(own, key=lambda f: (f.user is None, codes.index(f.code)), default=None)

@@ -16,6 +16,7 @@ from synchronizar.data.registration import (
     State,
     UserRegistration,
 )
+from synchronizar.data.survey import SURVEY
 from synchronizar.data.user import User
 from synchronizar.estimation.assessment import Assessment
 from synchronizar.geometry import YawFrame, apply_frames, moved_frames, wrap_angle
@@ -60,26 +61,23 @@ class OwnFrames(NamedTuple):
         return apply_frames(turn, self.scale[:, None] * self.last)
 
 
-def registration_of(
-    assessed: Assessment, own: OwnFrames, reference: str, ranges: int, seconds: Mapping[str, float]
-) -> Registration:
+def registration_of(assessed: Assessment, own: OwnFrames, ranges: int, seconds: Mapping[str, float]) -> Registration:
     """The answer that an assessment is, to a recording of so many ranges."""
+    reference = assessed.optimum.graph.users[assessed.optimum.graph.reference]
     users = assessed.optimum.graph.users
+    listed = [u for u, user in enumerate(users) if not user.is_survey_origin]
     frames = [own.frames(hypothesis.frames) for hypothesis in assessed.hypotheses]
     derivatives = own.derivatives(frames[0])
     covariances = derivatives @ assessed.covariances @ derivatives.transpose(0, 2, 1)
     return Registration(
-        reference=reference,
+        reference=SURVEY if reference.is_survey_origin else reference.name,
         model="rigid" if assessed.calibration_sigma is None else "full",
         method="joint",
-        users={
-            user.name: _user(assessed, own, u, frames[0][u], covariances[u], derivatives[u])
-            for u, user in enumerate(users)
-        },
+        users={users[u].name: _user(assessed, own, u, frames[0][u], covariances[u], derivatives[u]) for u in listed},
         alternatives=_alternatives(assessed, own, frames),
         ranges=_range_verdicts(assessed, ranges),
         seconds=seconds,
-        joint_covariance=_joint(assessed, derivatives),
+        joint_covariance=_joint(assessed, derivatives, listed),
     )
 
 
@@ -92,9 +90,11 @@ def _user(
     if user.static:
         covariance[3, :] = covariance[:, 3] = np.nan
     unseen = None if verdict.unseen_direction is None else derivatives[:, :4] @ verdict.unseen_direction
-    bias, clock, sigma = 0.0, 0.0, None
+    known_bias = bias = user.range_bias or 0.0
+    clock, sigma = 0.0, None
     if assessed.calibration_sigma is not None:
         _, bias, clock = assessed.optimum.states.calibration[u].tolist()
+        bias += known_bias
         of_log_scale, of_bias, of_clock = assessed.calibration_sigma[u].tolist()
         sigma = CalibrationSigma(of_log_scale * float(own.scale[u]), of_bias, of_clock)
     return UserRegistration(
@@ -117,14 +117,14 @@ def _frame(user: User, frame: Array, scale: float) -> YawFrame:
     return YawFrame(x, y, z, yaw, float(scale), "z" if user.static else user.up)
 
 
-def _joint(assessed: Assessment, derivatives: Array) -> Array | None:
+def _joint(assessed: Assessment, derivatives: Array, listed: list[int]) -> Array | None:
     if assessed.joint is None:
         return None
     out = np.einsum("uac,ucvd,vbd->uavb", derivatives, assessed.joint, derivatives, optimize=True)
     for u, user in enumerate(assessed.optimum.graph.users):
         if user.static:
             out[u, 3] = out[:, :, u, 3] = np.nan
-    return np.asarray(out)
+    return np.asarray(out[listed][:, :, listed])
 
 
 def _alternatives(assessed: Assessment, own: OwnFrames, frames: list[Array]) -> tuple[Alternative, ...]:
@@ -134,7 +134,11 @@ def _alternatives(assessed: Assessment, own: OwnFrames, frames: list[Array]) -> 
     return tuple(
         Alternative(
             max(hypothesis.cost - best, 0.0),
-            {user.name: _frame(user, of[u], own.scale[u]) for u, user in enumerate(users) if not np.isnan(of[u, 0])},
+            {
+                user.name: _frame(user, of[u], own.scale[u])
+                for u, user in enumerate(users)
+                if not np.isnan(of[u, 0]) and not user.is_survey_origin
+            },
         )
         for hypothesis, of in zip(assessed.hypotheses, frames, strict=True)
     )

@@ -18,6 +18,8 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.extent import extent_points
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 
+_FEWEST_RANGES = 20  # for a share of them
+
 
 class Assessment(NamedTuple):
     """What the local optima say of each of k users where its track ends, in the graph's frame."""
@@ -72,9 +74,15 @@ def assess(
     progress[graph.reference] = 1.0
     covariances = np.zeros((len(graph.users), 6, 6))
     covariances[:, :4, :4] = found[0].covariances
+    beside = (graph.measurements.i != graph.reference) & (graph.measurements.j != graph.reference)
+    of_others = float((inlier_probability[beside] < 0.5).mean()) if beside.sum() >= _FEWEST_RANGES else 1.0
+    judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, of_others)
+    for u in np.flatnonzero(graph.problem.surveyed).tolist():
+        if (verdict := judged[u]) is not None:
+            judged[u] = with_survey(verdict, states.anchor_poses[u, :3] - graph.problem.survey[u], graph, u)
     return Assessment(
         optimum=best,
-        verdicts=verdicts(found, rejected, systematic, graph, extent, parameters, registered),
+        verdicts=judged,
         hypotheses=found,
         covariances=covariances,
         joint=None,
@@ -100,13 +108,21 @@ def assess_calibrated(
     assessed = assess(optima, relative, (), registered, duration)
     static = np.array([user.static for user in graph.users])
     variances = np.where(static[:, None] & (np.arange(3) != BIAS), np.nan, own.calibrations)
-    heights = best.states.anchor_poses[:, 2] - best.states.anchor_poses[graph.reference, 2]
+    height_of = best.states.anchor_poses[:, 2]
+    surveyed = graph.problem.surveyed
+    level = graph.mean_height(best.states.anchor_poses, best.em_weights.height_weight)
+    heights = height_of - (level if surveyed.any() else height_of[graph.reference])
     found: list[Verdict | None] = []
     for u, verdict in enumerate(assessed.verdicts):
         if verdict is not None:
             verdict = with_calibration(verdict, variances[u], parameters)
-            sigma = float(np.sqrt(graph.prior_variances(u)[2]))
-            verdict = with_height(verdict, float(heights[u]), sigma, parameters)
+            if not surveyed.any():
+                sigma = float(np.sqrt(graph.prior_variances(u)[2]))
+                verdict = with_height(verdict, float(heights[u]), sigma, parameters)
+            elif u != graph.reference and not surveyed[u]:
+                verdict = with_height(
+                    verdict, float(heights[u]), float(graph.height_sigma[u]), parameters, "the others'"
+                )
         found.append(verdict)
     # States are judged beside the reference as it is now, errors told in the frame of its first pose: what the optima
     # differ by adds to both.
@@ -130,12 +146,24 @@ def _rejected(measurements: RangeMeasurements, inlier_probability: Array, user: 
     return float((inlier_probability[own] < 0.5).mean()) if own.any() else 0.0
 
 
-def with_height(verdict: Verdict, above: float, sigma: float, parameters: Parameters) -> Verdict:
+def with_survey(verdict: Verdict, off: Array, graph: PoseGraph, user: int) -> Verdict:
+    """The verdict; unobservable where the ranges have a surveyed radio `off` (3,) m from its entry."""
+    limits, apart = graph.parameters.integrity, float(np.linalg.norm(off))
+    if apart < max(limits.survey_contradicted, limits.height_contradicted * float(graph.survey_sigma[user])):
+        return verdict
+    where = ", ".join(f"{x:+.1f}" for x in off.tolist())
+    reason = f"its ranges say that it is {apart:.1f} m from where it was surveyed to be (by {where} m)"
+    return verdict._replace(state=State.UNOBSERVABLE, reason=reason)
+
+
+def with_height(
+    verdict: Verdict, above: float, sigma: float, parameters: Parameters, whose: str = "the reference's"
+) -> Verdict:
     """The verdict; unobservable where a registered user's height is too many sigmas off its prior."""
     if verdict.state is not State.REGISTERED or abs(above) < parameters.integrity.height_contradicted * sigma:
         return verdict
     side = "above" if above > 0.0 else "below"
-    reason = f"its origin would lie {abs(above):.1f} m {side} the reference's: if that can be, set height_sigma"
+    reason = f"its origin would lie {abs(above):.1f} m {side} {whose}: if that can be, set height_sigma"
     return verdict._replace(state=State.UNOBSERVABLE, reason=reason)
 
 

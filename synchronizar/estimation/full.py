@@ -35,6 +35,7 @@ from synchronizar.graph.states import SCALE, common_track
 from synchronizar.graph.step_noise import step_noise
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, keyframes_of
+from synchronizar.preprocessing.raised import lowered, raised_by
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.progress import Progress, stage, unheard
 from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternion
@@ -54,14 +55,15 @@ class Solved(NamedTuple):
 def register_full(recording: Recording, reference: int, parameters: Parameters, progress: Progress) -> Registration:
     """The registration of a recording: every user's frame, drift, scale, clock offset, radio bias and verdict."""
     began = perf_counter()
+    raised = raised_by(recording, parameters)
+    recording = lowered(recording, raised)
     repaired_tracks = {name: repair_relocalizations(track, parameters) for name, track in recording.tracks.items()}
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
     problem = Problem.of(repaired, reference, parameters)
     optima, noise, searched = solve(problem, repaired_tracks, stage(progress, 0.0, 0.9))
     assessed = assess_calibrated(optima)
-    own = _own_frames(recording, repaired_tracks, optima[0])
-    name, count = recording.users[reference].name, len(recording.ranges)
-    registration = registration_of(assessed, own, name, count, {})
+    own = _own_frames(recording, repaired_tracks, optima[0], raised)
+    registration = registration_of(assessed, own, len(recording.ranges), {})
     users = {
         user.name: _with_slam(registration.users[user.name], u, repaired_tracks[user.name], assessed, own, noise[u])
         for u, user in enumerate(recording.users)
@@ -71,16 +73,25 @@ def register_full(recording: Recording, reference: int, parameters: Parameters, 
     return replace(registration, users={**registration.users, **users}, seconds=seconds)
 
 
-def _own_frames(recording: Recording, repaired_tracks: dict[str, RepairedTrack], best: LocalOptimum) -> OwnFrames:
-    """How users' frames lie beside their last keyframes; the common frame is the reference's at its first pose."""
+def _own_frames(
+    recording: Recording, repaired_tracks: dict[str, RepairedTrack], best: LocalOptimum, raised: Array
+) -> OwnFrames:
+    """How users' frames lie beside their last keyframes; the common frame is the reference's at its first pose.
+
+    `raised` (k,): how high the recording's zeros lie in the users' own frames.
+    """
     k, graph = len(recording.users), best.graph
     scale, turned, last = np.ones(k), np.zeros(k), np.zeros((k, 3))
     for u, user in enumerate(recording.users):
         if not user.static:
             scale[u] = np.exp(best.states.calibration[u, SCALE])
             turned[u] = yaw_of_quaternions(repaired_tracks[user.name].repaired_from_slam[-1:])[0]
-            last[u] = recording.tracks[user.name].position[-1]
-    origin = scale[graph.reference] * graph.keyframes[graph.reference].anchor
+            last[u] = recording.tracks[user.name].position[-1] + np.array([0.0, 0.0, raised[u]])
+    survey = recording.users[graph.reference].position
+    if survey is not None:
+        return OwnFrames(scale, turned, last, np.array([*survey, 0.0]), np.zeros(3))
+    first = graph.keyframes[graph.reference].anchor + np.array([0.0, 0.0, raised[graph.reference]])
+    origin = scale[graph.reference] * first
     return OwnFrames(scale, turned, last, np.append(origin, 0.0), origin)
 
 

@@ -37,6 +37,8 @@ def joint_placements(problem: Problem) -> list[Candidate]:
     if not problem.free:
         frames[problem.reference] = 0.0
         return [Candidate(frames, 0.0)]
+    if problem.surveyed.any():
+        return _beside_survey(problem, [])
     observability, spread = _observability(problem.measurements, len(users))
     order = _order(observability, spread, np.array([user.static for user in users]), problem.active_users)
     frames[order[0]] = 0.0
@@ -44,6 +46,38 @@ def joint_placements(problem: Problem) -> list[Candidate]:
     for user in order[1:]:
         alive = extend(problem, alive, user)
     return [Candidate(relative_to(h.frames, problem.reference), h.cost) for h in alive]
+
+
+def without_an_entry(problem: Problem) -> list[Candidate]:
+    """Joint placements in each of which one surveyed radio is not where it was surveyed to be."""
+    ranging = np.bincount(
+        np.concatenate([problem.measurements.i, problem.measurements.j]), minlength=len(problem.users)
+    )
+    doubted = np.flatnonzero(problem.surveyed & (ranging > 0)).tolist()
+    return [found[0] for u in doubted if (found := _beside_survey(problem, [u]))] if len(doubted) > 1 else []
+
+
+def _beside_survey(problem: Problem, doubted: list[int]) -> list[Candidate]:
+    """Candidates with surveyed radios at their places, but for those `doubted`, which are added last."""
+    users, surveyed = problem.users, np.flatnonzero(problem.surveyed)
+    frames = np.full((len(users), 4), np.nan)
+    frames[problem.reference] = 0.0
+    frames[surveyed] = np.column_stack([problem.survey[surveyed], np.zeros(len(surveyed))])
+    frames[doubted] = np.nan
+    alive = [Candidate(frames, 0.0)]
+    placed = {problem.reference, *surveyed.tolist()} - set(doubted)
+    observability, _ = _observability(problem.measurements, len(users))
+    left = set(problem.active_users) - placed - set(doubted)
+    for group in (left, set(doubted)):
+        while group:
+            best = observability[sorted(placed)].max(axis=0)
+            user = max(group, key=lambda u: float(best[u]))
+            if best[user] < 0.0:  # ties to the doubted alone
+                return []
+            alive = extend(problem, alive, user)
+            placed.add(user)
+            group.remove(user)
+    return alive
 
 
 def placements_in_parts(problem: Problem) -> Iterator[Candidate]:
@@ -153,6 +187,7 @@ def extend(problem: Problem, candidates: list[Candidate], user: int) -> list[Can
     All candidates are of the same users.
     """
     parameters, known = problem.parameters, problem.users[user]
+    surveyed = problem.surveyed.any()
     links = _links(problem.measurements, user, ~np.isnan(candidates[0].frames[:, 0]))
     grown = []
     for candidate in candidates:
@@ -162,7 +197,8 @@ def extend(problem: Problem, candidates: list[Candidate], user: int) -> list[Can
             links.distance,
             links.sigma,
             links.nlos_odds,
-            height_sigma_of(known, parameters),
+            # A survey's zero says nothing of how high devices are.
+            parameters.priors.static_height_sigma if surveyed else height_sigma_of(known, parameters),
             not known.static,
             nlos_mixture(parameters),
             parameters.integrity.largest_error,

@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.initialisation import Candidate, extend, placements_in_parts
+from synchronizar.estimation.initialisation import Candidate, extend, placements_in_parts, without_an_entry
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
 from synchronizar.geometry import difference
@@ -55,8 +55,11 @@ def find_optima(graph: PoseGraph, starts: list[States], progress: Progress = unh
             _add_optimum(graph, states, found, (search.annealing,))
         for start in placements_in_parts(graph.rigid_problem(starts[0])):
             _add_optimum(graph, graph.initial_states(start.frames), found, ())
+    if graph.problem.surveyed.any() and nlos_share(min(found, key=by_cost)) > search.doubtful_share:
+        for candidate in without_an_entry(graph.rigid_problem(starts[0]).widened(0.0 if rigid else search.sigma)):
+            _add_optimum(graph, graph.initial_states(candidate.frames), found, () if rigid else _ANNEALING)
     best = min(found, key=by_cost)
-    while graph.free:
+    while graph.free and len(graph.measurements):
         for states in chain(relaid(best.graph, best.states), _mirror_images(best, found)):
             if isinstance(best.graph, RigidGraph):  # most lead to an optimum that is known
                 image = best.graph.image(states, best.em_weights, [optimum.frames for optimum in found])
@@ -133,7 +136,7 @@ def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator
     heights = rigid.other_heights(
         states.anchor_poses, nlos_odds, parameters.integrity.cost_excluded_nlos / range_weight
     )
-    heights += height_mirrors(flat, states.anchor_poses, graph.reference)
+    heights += height_mirrors(flat, states.anchor_poses, graph.reference, graph.problem.surveyed)
     near, free = parameters.search.mirror_sigmas * sigma[graph.free], graph.free
     known = np.array([s.states.anchor_poses[free, 2] for s in (optimum, *found)])
     apart = [f for f in heights if (np.abs(f[free, 2] - known) > near).any(axis=1).all()]
@@ -142,7 +145,7 @@ def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator
     most += parameters.search.mirror_cost_per_range * range_weight * len(flat)
     images += [
         (cost, frames)
-        for frames in reflections(flat, states.anchor_poses, graph.reference)
+        for frames in reflections(flat, states.anchor_poses, graph.reference, graph.problem.linked(flat))
         if (cost := above(frames, most)) < most
     ]
     likely = [frames for _, frames in sorted(images, key=lambda image: image[0])[:_MOST_IMAGES]]
@@ -277,18 +280,22 @@ def _begun_heights(optimum: LocalOptimum, begun: Sequence[Array]) -> Iterator[Ar
         if np.abs(relative - frames[:, 2])[graph.free].max() > _SAME_HEIGHT:
             yield np.column_stack([frames[:, :2], relative, frames[:, 3]])
     static = np.array([user.static for user in graph.users])
-    mirrored = height_mirrors(graph.to_rigid_ranges(optimum.states), frames, graph.reference)
+    surveyed = graph.problem.surveyed
+    mirrored = height_mirrors(graph.to_rigid_ranges(optimum.states), frames, graph.reference, surveyed)
     for u in graph.free:
-        if static[u]:
+        if static[u] and not surveyed[u]:
             yield mirrored[graph.active_users.index(u)]
     if static[graph.free].all():
         return
     random = np.random.default_rng(_SEED)
     for sigmas in _DRAWN_SIGMAS:
         drawn = sigmas * graph.height_sigma * random.standard_normal(len(static))
+        level = 0.0
+        if surveyed.any():  # a survey's zero is where it is, and so is the level of all who move
+            drawn[graph.reference], level = 0.0, graph.mean_height(frames, optimum.em_weights.height_weight)
         for heights in (drawn, -drawn):
             out = frames.copy()
-            out[:, 2] = np.where(static, frames[:, 2], heights) - heights[graph.reference]
+            out[:, 2] = np.where(static, frames[:, 2], level + heights) - heights[graph.reference]
             yield out
 
 

@@ -7,14 +7,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Mask
 from synchronizar.geometry import apply_frames
 from synchronizar.graph.problem import ranging, reached_from
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds
 
 
-def height_mirrors(measurements: RangeMeasurements, frames: Array, reference: int) -> list[Array]:
-    """Frames (k, 4) with one user's height mirrored at the mean height of those it ranges to, or all heights at 0."""
+def height_mirrors(
+    measurements: RangeMeasurements, frames: Array, reference: int, fixed: Mask | None = None
+) -> list[Array]:
+    """Frames (k, 4) with one user's height mirrored at the mean height of those it ranges to, or all heights at 0.
+
+    `fixed` (k,) are users who stay where they are.
+    """
     heights = frames[:, 2]
     above = heights[measurements.i] + measurements.p_i[:, 2] - heights[measurements.j] - measurements.p_j[:, 2]
     active_users = np.flatnonzero(~np.isnan(heights))
@@ -24,19 +29,25 @@ def height_mirrors(measurements: RangeMeasurements, frames: Array, reference: in
     shifts = np.zeros((len(active_users) + 1, k))
     shifts[-1] = -2.0 * heights
     shifts[np.arange(len(active_users)), active_users] = (-2.0 * sums / np.maximum(count, 1))[active_users]
-    return [np.column_stack([frames[:, :2], heights + s - s[reference], frames[:, 3]]) for s in shifts]
+    shifts -= shifts[:, [reference]]
+    if fixed is not None:
+        shifts[:, fixed] = 0.0
+    return [np.column_stack([frames[:, :2], heights + s, frames[:, 3]]) for s in shifts]
 
 
-def reflections(measurements: RangeMeasurements, frames: Array, reference: int) -> list[Array]:
+def reflections(
+    measurements: RangeMeasurements, frames: Array, reference: int, linked: list[set[int]] | None = None
+) -> list[Array]:
     """Frames (k, 4) with the users that are connected through one user only reflected in that user's line.
 
     Ranges to a user that walks a line do not distinguish the two sides of it. Each set of users that is connected to
     the rest only through this pivot can be reflected by itself. A rotation cannot mirror a frame: a reflected user's
     frame is turned so that its own principal axis is mirrored, which is exact only as far as it walks a line too.
+    `linked`: whom each user is tied to; None: whom it ranges to.
     """
     out: list[Array] = []
     active_users = np.flatnonzero(~np.isnan(frames[:, 0])).tolist()
-    linked = ranging(measurements, len(frames))
+    linked = ranging(measurements, len(frames)) if linked is None else linked
     own = _own_lines(measurements, len(frames))
     for pivot in active_users:
         remaining = set(active_users) - {pivot}

@@ -20,13 +20,15 @@ from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.centering import centroids
+from synchronizar.preprocessing.raised import lowered, raised_by
 from synchronizar.progress import Progress, stage
 
 
 def register_rigid(recording: Recording, reference: int, parameters: Parameters, progress: Progress) -> Registration:
     """The registration of a recording whose SLAM, clocks and radios are trusted."""
     began = perf_counter()
-    k = len(recording.users)
+    k, raised = len(recording.users), raised_by(recording, parameters)
+    recording = lowered(recording, raised)
     problem = Problem.of(recording, reference, parameters)
     anchors = centroids(problem.measurements, k)
     graph = RigidGraph(problem, anchors)
@@ -39,9 +41,12 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     inflation = _inflation(best)
     systematic = np.flatnonzero(inflation > parameters.integrity.systematic_inflation).tolist()
     assessed = assess(optima, partial(_inflated, graph=graph, inflation=inflation), systematic)
-    own = OwnFrames(np.ones(k), np.zeros(k), anchors, np.append(anchors[reference], 0.0), np.zeros(3))
+    survey = recording.users[reference].position
+    anchors = anchors + np.outer(raised, [0.0, 0.0, 1.0])
+    origin = anchors[reference] if survey is None else np.array(survey)
+    own = OwnFrames(np.ones(k), np.zeros(k), anchors, np.append(origin, 0.0), np.zeros(3))
     seconds = {"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched}
-    return registration_of(assessed, own, recording.users[reference].name, len(recording.ranges), seconds)
+    return registration_of(assessed, own, len(recording.ranges), seconds)
 
 
 def _inflation(best: LocalOptimum) -> Array:

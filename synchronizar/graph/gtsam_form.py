@@ -76,6 +76,13 @@ class GtsamForm:
         wide = noise.Diagonal.Sigmas(np.array([place, place, graph.yaw_sigma]))
         for u in graph.free:
             x, y, _, yaw = about[u].tolist()
+            if graph.problem.surveyed[u]:
+                x, y, z = graph.problem.survey[u].tolist()
+                place = float(graph.survey_sigma[u] / np.sqrt(em_weights.height_weight[u]))
+                near = noise.Diagonal.Sigmas(np.array([place, place, graph.yaw_sigma]))
+                out.addPriorPose2(keys.frame(u), gtsam.Pose2(x, y, yaw), near)
+                out.addPriorDouble(keys.height(u), z, noise.Isotropic.Sigma(1, place))
+                continue
             out.addPriorPose2(keys.frame(u), gtsam.Pose2(x, y, yaw), wide)
             level = noise.Isotropic.Sigma(1, sigma[u])
             out.add(gtsam.BetweenFactorDouble(keys.MEAN_HEIGHT, keys.height(u), 0.0, level))
@@ -92,6 +99,9 @@ class GtsamForm:
             difference = np.array([0.0, 0.0, -self.graph.assumed_clock[u]])
             sigmas = noise.Diagonal.Sigmas(own / weight[u])
             out.add(gtsam.BetweenFactorVector(keys.SHARED_CALIBRATION, keys.calibration(u), difference, sigmas))
+            if np.isfinite(known := float(self.graph.known_bias_sigma[u])):
+                only = noise.Diagonal.Precisions(np.array([0.0, known**-2, 0.0]))
+                out.addPriorVector(keys.calibration(u), np.zeros(3), only)
         out.addPriorVector(keys.SHARED_CALIBRATION, np.zeros(3), noise.Diagonal.Sigmas(common / weight[-1]))
 
     def add_steps(self, out: gtsam.NonlinearFactorGraph, user: int, weight: Array) -> None:

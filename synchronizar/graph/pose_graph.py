@@ -20,9 +20,15 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, difference, wrap_angle
-from synchronizar.graph.priors import bursts_of, height_sigma_of, nlos_mixture
+from synchronizar.graph.priors import (
+    bursts_of,
+    height_sigma_of,
+    known_bias_sigmas,
+    nlos_mixture,
+    survey_sigmas,
+)
 from synchronizar.graph.problem import Problem
-from synchronizar.graph.states import CLOCK, SCALE, States, slam_states, steps, to_rigid_ranges
+from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, slam_states, steps, to_rigid_ranges
 from synchronizar.graph.walks import Walks
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_ends
@@ -51,7 +57,7 @@ class EmWeights:
     """(k + 1, 3): the same weight of each device's deviation from the shared log scale, bias and clock offset; the last
     row is that of the shared calibration's deviation from zero."""
     height_weight: Array
-    """(k,): the same weight of each origin's height about the mean level."""
+    """(k,): the same weight of each origin's height about the mean level, and of each surveyed radio's place."""
 
 
 class LocalOptimum(NamedTuple):
@@ -87,6 +93,10 @@ class PoseGraph:
         self.loss: NlosMixture = nlos_mixture(parameters)
         self.height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
         """(k,) m: of each origin about the mean level."""
+        self.survey_sigma = survey_sigmas(self.users, parameters)
+        """(k,) m: of each surveyed radio's place, on each axis."""
+        self.known_bias_sigma = known_bias_sigmas(self.users, parameters)
+        """(k,) m: of each radio's bias beside the known one; infinite where none is known."""
         self._read_antennas(np.zeros(len(self.users)))
 
     @property
@@ -207,8 +217,11 @@ class PoseGraph:
 
     def walk_noise(self, about: Array, em_weights: EmWeights) -> WalkNoise:
         """Weights and priors of the walks; the wide priors of position and yaw are centred on frames (k, 4)."""
-        m, users = self.parameters, self.active_users
+        m, users, surveyed = self.parameters, self.active_users, self.problem.surveyed
         own, common = calibration_sigmas(m)
+        about = about.copy()
+        about[surveyed, :3] = self.problem.survey[surveyed]
+        height = np.where(surveyed, self.survey_sigma, self.height_sigma) / np.sqrt(em_weights.height_weight)
         weight = np.sqrt(em_weights.calibration_weight)
         of_users = [
             np.vstack([np.ones((1, 3)), self.keyframes[u].step_sigma / np.sqrt(em_weights.step_weight[u])[:, None]])
@@ -219,10 +232,12 @@ class PoseGraph:
             em_weights.range_weight,
             np.concatenate(of_users),
             about[users],
-            m.priors.place_sigma,
+            np.where(surveyed, height, m.priors.place_sigma)[users],
             self.yaw_sigma,
-            self.height_sigma[users] / np.sqrt(em_weights.height_weight[users]),
+            height[users],
+            surveyed[users],
             own / weight[users],
+            self.known_bias_sigma[users],
             common / weight[-1],
             self.assumed_clock[users],
         )
@@ -311,7 +326,9 @@ class PoseGraph:
         squares = np.zeros((len(self.users) + 1, 3))
         squares[self.active_users] = ((states.calibration[self.active_users] - shared) / own) ** 2
         squares[-1] = (shared / common) ** 2
-        return _student(squares, calibration_dof(self.parameters), 1)
+        weight, cost = _student(squares, calibration_dof(self.parameters), 1)
+        known = states.calibration[self.active_users, BIAS] / self.known_bias_sigma[self.active_users]
+        return weight, cost + 0.5 * float(known @ known)
 
     def shared_calibration(self, states: States, calibration_weight: Array) -> Array:
         """(3,) the most likely shared calibration, given weights (k + 1, 3)."""
@@ -321,19 +338,30 @@ class PoseGraph:
         return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)
 
     def height_weights(self, frames: Array) -> tuple[Array, float]:
-        """Weights (k,) of the origins' heights about their most likely mean, and their cost."""
-        weight, cost, users = np.ones(len(self.users)), 0.0, self.active_users
+        """Weights (k,) of the origins' heights about their most likely mean, of surveyed places, and their cost."""
+        weight, cost, users = np.ones(len(self.users)), 0.0, self._on_level
         squares = np.zeros(len(self.users))
         for _ in range(_LEVEL_ROUNDS):
             off = frames[users, 2] - self.mean_height(frames, weight)
             squares[users] = (off / self.height_sigma[users]) ** 2
             weight, cost = _student(squares, self.parameters.priors.height_dof, 1)
-        return weight, cost
+        surveyed = np.flatnonzero(self.problem.surveyed)
+        off_places = frames[surveyed, :3] - self.problem.survey[surveyed]
+        of_places = (off_places**2).sum(axis=1) / self.survey_sigma[surveyed] ** 2
+        weight[surveyed], of_survey = _student(of_places, self.parameters.priors.survey_dof, 3)
+        return weight, cost + of_survey
+
+    @property
+    def _on_level(self) -> list[int]:
+        """The active users whose heights the mean level is of: all but surveyed radios."""
+        surveyed = self.problem.surveyed
+        return [u for u in self.active_users if not surveyed[u]]
 
     def mean_height(self, frames: Array, height_weight: Array) -> float:
         """The most likely mean height (m) of the origins, at anchor poses (k, 4) and weights (k,)."""
-        weight = height_weight[self.active_users] / self.height_sigma[self.active_users] ** 2
-        return float(weight @ frames[self.active_users, 2] / weight.sum())
+        users = self._on_level
+        weight = height_weight[users] / self.height_sigma[users] ** 2
+        return float(weight @ frames[users, 2] / weight.sum())
 
     # Optimisation
 
@@ -403,6 +431,9 @@ class PoseGraph:
     def prior_variances(self, user: int) -> Array:
         """(4,) prior variances of x, y, z (m^2) and yaw (rad^2) relative to the reference."""
         m = self.parameters
+        if self.problem.surveyed[user]:
+            place = float(self.survey_sigma[user]) ** 2
+            return np.array([place, place, place, m.priors.yaw_sigma**2])
         height = self.height_sigma[user] ** 2 + self.height_sigma[self.reference] ** 2
         return np.array([m.priors.place_sigma**2, m.priors.place_sigma**2, height, m.priors.yaw_sigma**2])
 

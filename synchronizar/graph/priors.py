@@ -1,10 +1,17 @@
-"""What is known before any range: how NLOS ranges are distributed, how high SLAM origins lie."""
+"""What is known before any range: how NLOS ranges are distributed, how high SLAM origins lie, what was surveyed."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from synchronizar._core import Bursts, NlosMixture
+from synchronizar.arrays import Array
 from synchronizar.data.user import User
 from synchronizar.parameters import Parameters
+
+_NO_SIGMA = 1e3  # m: a survey's zero tells nothing of how high SLAM origins lie
 
 
 def nlos_mixture(parameters: Parameters) -> NlosMixture:
@@ -22,6 +29,34 @@ def bursts_of(parameters: Parameters) -> Bursts:
 
 def height_sigma_of(user: User, parameters: Parameters) -> float:
     """m, 1 sigma: how far the user's origin may lie above or below another one of its kind."""
+    if user.is_survey_origin:
+        return _NO_SIGMA
     if user.height_sigma is not None:
         return user.height_sigma
     return parameters.priors.static_height_sigma if user.static else parameters.priors.height_sigma
+
+
+def survey_of(users: Sequence[User], reference: int) -> Array:
+    """(k, 3) m: where surveyed radios are, about the survey's origin, which is the reference; NaN of all others."""
+    out, origin = np.full((len(users), 3), np.nan), users[reference].position
+    if origin is not None:
+        for u, user in enumerate(users):
+            if u != reference and user.position is not None:
+                out[u] = np.subtract(user.position, origin)
+    return out
+
+
+def survey_sigmas(users: Sequence[User], parameters: Parameters) -> Array:
+    """(k,) m, 1 sigma on each axis of a surveyed place; the model's default where nothing is said."""
+    return np.array([user.position_sigma or parameters.priors.survey_sigma for user in users])
+
+
+def known_bias_sigmas(users: Sequence[User], parameters: Parameters) -> Array:
+    """(k,) m, 1 sigma of each radio's bias beside the known one; infinite where none is known."""
+    default = parameters.devices.known_bias_sigma
+    return np.array([user.range_bias_sigma or (np.inf if user.range_bias is None else default) for user in users])
+
+
+def known_biases(users: Sequence[User]) -> Array:
+    """(k,) m: what radios are known to add to a range; 0 where that is not known."""
+    return np.array([user.range_bias or 0.0 for user in users])

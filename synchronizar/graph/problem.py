@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from synchronizar.arrays import Mask
+from synchronizar.arrays import Array, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
+from synchronizar.graph.priors import known_biases, survey_of
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds, range_measurements
 
@@ -31,6 +33,10 @@ class Problem:
     def of(cls, recording: Recording, reference: int, parameters: Parameters) -> Problem:
         """All usable ranges of a recording, between the users that a chain of them connects to the reference."""
         measurements = range_measurements(recording, parameters)
+        biases = known_biases(recording.users)
+        if biases.any():
+            known = biases[measurements.i] + biases[measurements.j]
+            measurements = replace(measurements, distance=measurements.distance - known)
         everybody = list(range(len(recording.users)))
         return cls(recording, measurements, everybody, reference, parameters).part(np.ones(len(measurements), bool))
 
@@ -44,10 +50,28 @@ class Problem:
         """The active users but the reference: those whose frames are unknown."""
         return [u for u in self.active_users if u != self.reference]
 
+    @cached_property
+    def survey(self) -> Array:
+        """(k, 3) m: where surveyed radios are in the reference's frame; NaN of all others."""
+        return survey_of(self.users, self.reference)
+
+    @property
+    def surveyed(self) -> Mask:
+        """(k,) which users are surveyed radios."""
+        return np.asarray(~np.isnan(self.survey[:, 0]))
+
+    def linked(self, measurements: RangeMeasurements) -> list[set[int]]:
+        """Whom each of k users is tied to: by ranges, surveyed radios by the survey to its origin."""
+        out = ranging(measurements, len(self.users))
+        for u in np.flatnonzero(self.surveyed).tolist():
+            out[u].add(self.reference)
+            out[self.reference].add(u)
+        return out
+
     def part(self, which: Mask) -> Problem:
         """The same with the ranges `which` (n,) alone, between the users that these connect to the reference."""
         chosen = self.measurements if which.all() else self.measurements[which]
-        active_users = connected(chosen, len(self.users), self.reference)
+        active_users = sorted(reached_from(self.reference, self.linked(chosen)))
         if len(active_users) < len(self.users):
             chosen = chosen[np.isin(chosen.i, active_users)]
         return replace(self, measurements=chosen, active_users=active_users)
@@ -62,11 +86,6 @@ class Problem:
         if sigma == 0.0:
             return self
         return self.with_measurements(replace(ranges, sigma=np.hypot(ranges.sigma, sigma)))
-
-
-def connected(measurements: RangeMeasurements, users: int, reference: int) -> list[int]:
-    """The users connected to the reference by a chain of ranges, itself included, sorted."""
-    return sorted(reached_from(reference, ranging(measurements, users)))
 
 
 def ranging(measurements: RangeMeasurements, users: int) -> list[set[int]]:

@@ -52,6 +52,9 @@ class RigidGraph(PoseGraph):
             self.height_sigma,
             self.parameters.priors.place_sigma,
             self.yaw_sigma,
+            problem.survey,
+            self.survey_sigma,
+            self.parameters.priors.survey_dof,
             self.loss,
         )
 

@@ -1,4 +1,4 @@
-"""Reads and writes recording.toml: `up`, `static`, `height_sigma` and `antennas` of each user."""
+"""Reads and writes recording.toml: the vertical axis and what is known of each user besides its track."""
 
 from __future__ import annotations
 
@@ -10,13 +10,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import Up
 from synchronizar.io.text import MAX_LENGTH, MIN_SIGMA, is_name, quoted
 
-SETTINGS = ("up", "static", "height_sigma", "antennas")
+SETTINGS = (
+    *("up", "static", "height_sigma", "position", "position_sigma", "range_bias", "range_bias_sigma"),
+    "antennas",
+)
 """What a user has."""
+SIGMAS = ("height_sigma", "position_sigma", "range_bias_sigma")
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,11 @@ def write_recording_toml(path: Path, users: Collection[User]) -> None:
             settings.append("static = true")
         if user.height_sigma is not None:
             settings.append(f"height_sigma = {float(user.height_sigma)!r}")
+        if user.position is not None:
+            settings.append(f"position = {[float(x) for x in user.position]!r}")
+        for name in ("position_sigma", "range_bias", "range_bias_sigma"):
+            if (value := getattr(user, name)) is not None:
+                settings.append(f"{name} = {float(value)!r}")
         for name, lever in user.antennas.items():
             settings.append(f"antennas.{_key(name)} = {[float(x) for x in lever]!r}")
         if settings:
@@ -98,23 +109,51 @@ def read_user(
     static = settings.get("static", False)
     if not isinstance(static, bool):
         raise InputError(path, f"{where}.static must be true or false")
-    height_sigma = settings.get("height_sigma")
-    if height_sigma is not None and not (_is_length(height_sigma) and height_sigma >= MIN_SIGMA):
-        raise InputError(path, f"{where}.height_sigma must be a number between {MIN_SIGMA:g} and {MAX_LENGTH:g} (m)")
+    sigmas = {name: _sigma(path, where, name, settings) for name in SIGMAS}
     levers = _table(path, f"{where}.antennas", settings.get("antennas", {}))
     if static and levers:
         raise InputError(path, f"{where} is static: without an attitude its antennas have no place")
     antennas = {antenna: _lever(path, where, antenna, lever) for antenna, lever in levers.items()}
+    position, bias = settings.get("position"), settings.get("range_bias")
+    if position is not None:
+        if not static:
+            raise InputError(path, f"{where}.position is that of a radio that stands still: it needs static = true")
+        position = _three(path, f"{where}.position", position)
+    elif sigmas["position_sigma"] is not None:
+        raise InputError(path, f"{where}.position_sigma is that of a position, which it does not have")
+    if bias is not None and not _is_length(bias):
+        raise InputError(path, f"{where}.range_bias must be a number within {MAX_LENGTH:g} (m)")
     own_up = read_up(path, f"{where}.up", settings.get("up", up))
-    return User(name, static, None if height_sigma is None else float(height_sigma), antennas, own_up)
+    return User(
+        name,
+        static,
+        antennas=antennas,
+        up=own_up,
+        position=position,
+        range_bias=None if bias is None else float(bias),
+        **sigmas,
+    )
+
+
+def _sigma(path: str | Path, where: str, name: str, settings: Mapping[str, Any]) -> float | None:
+    value = settings.get(name)
+    if value is not None and not (_is_length(value) and value >= MIN_SIGMA):
+        raise InputError(path, f"{where}.{name} must be a number between {MIN_SIGMA:g} and {MAX_LENGTH:g} (m)")
+    return None if value is None else float(value)
 
 
 def _lever(path: str | Path, where: str, antenna: str, lever: object) -> tuple[float, float, float]:
     if not is_name(antenna):
         raise InputError(path, f"{where}.antennas: {quoted(antenna)} cannot be the name of an antenna")
-    if not (isinstance(lever, list | tuple) and len(lever) == 3 and all(_is_length(x) for x in lever)):
-        raise InputError(path, f"{where}.antennas.{antenna} must be three numbers, [x, y, z] in m")
-    x, y, z = lever
+    return _three(path, f"{where}.antennas.{antenna}", lever)
+
+
+def _three(path: str | Path, where: str, value: object) -> tuple[float, float, float]:
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not (isinstance(value, list | tuple) and len(value) == 3 and all(_is_length(x) for x in value)):
+        raise InputError(path, f"{where} must be three numbers, [x, y, z] in m")
+    x, y, z = value
     return float(x), float(y), float(z)
 
 

@@ -6,7 +6,7 @@ import csv
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from synchronizar.data.registration import (
     State,
     UserRegistration,
 )
+from synchronizar.data.survey import SURVEY
 from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
@@ -73,15 +74,25 @@ def read_registration(
     return registration, tracks
 
 
-def read_reference(file: Path) -> str | None:
+class Reference(NamedTuple):
+    """Whose frame a common frame is."""
+
+    name: str
+    is_survey: bool
+    """Whether it is no user's, but that of a survey."""
+
+
+def read_reference(file: Path) -> Reference | None:
     """The reference in a registration.json; None where there is none. Raises InputError where it cannot be read."""
     with os_faults(file):
         text = file.read_bytes()
     try:
-        reference = json.loads(text)["reference"]
+        values = json.loads(text)
+        reference = values["reference"]
+        is_survey = reference == SURVEY and SURVEY not in values.get("users", {})
     except MALFORMED as error:
         raise InputError(file, "is no registration that names its reference") from error
-    return None if reference is None else str(reference)
+    return None if reference is None else Reference(str(reference), is_survey)
 
 
 def _read_track(file: Path, slam: Track | None, any_stamps: bool) -> Track:

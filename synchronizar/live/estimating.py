@@ -119,7 +119,9 @@ class Solving:
             users = {waiting.user.name: msgspec.to_builtins(waiting.user) for waiting in self._waiting}
             for own in users.values():
                 own.pop("name")
-            self._estimator = Estimator(users, reference=self._begin.reference, workers=self._begin.workers)
+            surveyed = any(own["position"] is not None for own in users.values())
+            reference = None if surveyed else self._begin.reference
+            self._estimator = Estimator(users, reference=reference, workers=self._begin.workers)
             self._waiting.clear()
         elif name not in (user.name for user in self._estimator.users):
             self._estimator.add_user(name, **settings)

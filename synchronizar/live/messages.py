@@ -64,6 +64,14 @@ class UserSettings(_Message):
     """A radio that stands still and sends no poses."""
     height_sigma: float | None = None
     """m, 1 sigma: how far its origin may lie above or below the others'."""
+    position: Vector | None = None
+    """m, z up: where a radio that stands still was surveyed to be. The common frame is the survey's then."""
+    position_sigma: float | None = None
+    """m, 1 sigma of that on each axis."""
+    range_bias: float | None = None
+    """m: what its radio is known to add to a range."""
+    range_bias_sigma: float | None = None
+    """m, 1 sigma of that."""
     antennas: dict[str, Vector] = {}
     """Lever arm of each antenna in body axes; none: one antenna at the origin."""
 

@@ -18,6 +18,8 @@ from synchronizar.live.client import Client
 from synchronizar.live.pose_wire import PosesDown
 from synchronizar.live.words_file import Word
 
+_KNOWN = ("static", "up", "height_sigma", "position", "position_sigma", "range_bias", "range_bias_sigma")
+
 
 async def play(
     recording: Recording,
@@ -141,4 +143,5 @@ def _antenna(user: User, which: int) -> str | None:
 
 
 def _settings(user: User) -> dict[str, Any]:
-    return {"static": user.static, "up": user.up, "height_sigma": user.height_sigma, "antennas": dict(user.antennas)}
+    known = {name: getattr(user, name) for name in _KNOWN}
+    return {**known, "antennas": dict(user.antennas)}

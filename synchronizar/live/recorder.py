@@ -68,7 +68,17 @@ class FolderRecorder:
     def user(self, settings: m.UserSettings, session: int) -> None:
         """Somebody comes, or has a new frame: its settings are in recording.toml."""
         name = recorded_name(settings.name, session)
-        self._users[name] = User(name, settings.static, settings.height_sigma, dict(settings.antennas), settings.up)
+        self._users[name] = User(
+            name,
+            settings.static,
+            settings.height_sigma,
+            dict(settings.antennas),
+            settings.up,
+            settings.position,
+            settings.position_sigma,
+            settings.range_bias,
+            settings.range_bias_sigma,
+        )
         self._settings_changed = True
 
     def pose(self, user: str, session: int, t: float, position: m.Vector, quat_xyzw: m.Quaternion) -> None:

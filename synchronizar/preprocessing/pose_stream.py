@@ -24,6 +24,7 @@ from synchronizar.preprocessing.relocalizations import (
     JumpSearch,
     NoiseLevels,
     RepairedTrack,
+    attitude_follows,
     predict_steps,
     rebuild_jumps,
     search_jumps,
@@ -204,6 +205,7 @@ class PoseStream:
         self._dot_gate = math.cos(0.5 * _TURNS * self._parameters.slam.jump_turn)
         self._check_at, self._search_at, self._check_count = -math.inf, -math.inf, 0
         self._stands = self._froze = self._stops = False
+        self._attitude_measured, self._attitude_follows = True, False
         self._intervals, self._position_errors, self._attitude_errors, self._lengths, self._turns = (
             RunningQuantile() for _ in range(5)
         )
@@ -468,6 +470,8 @@ class PoseStream:
         # The step begins with the velocity before; how it ends is not known yet.
         farthest = max(slam.jump_least, 0.5 * slam.jump_acceleration * dt**2, spread * noise.position)
         fastest = max(slam.jump_turn, slam.jump_rate * dt, spread * noise.attitude)
+        if not self._attitude_measured:
+            fastest = math.inf
         if distance > farthest or turn > fastest:
             self._doubt(Suspicion(self._t, "jump", float(distance), float(turn)))
             self._check_count = self._count + slam.jump_neighbours + 1
@@ -518,11 +522,17 @@ class PoseStream:
         rows = table[begin:]
         decided = rows[1 : self._decided - begin, _REBUILT] > 0.0
         noise, track = self._noise(), _raw_track(rows)
+        follows = attitude_follows(track, self._parameters)
+        self._attitude_follows = self._attitude_follows if follows is None else follows
+        self._attitude_measured |= not self._attitude_follows
         if noise is None or self._position_errors.count < _MANY_STEPS:
             own = search_jumps(track, self._parameters, NoiseLevels(float(np.median(np.diff(track.t))), 0.0, 0.0))
             young = _noise_of_few(own.steps.dt, own.position_error, own.attitude_error)
             noise = young if noise is None else NoiseLevels(*map(min, noise, young))
-        return search_jumps(track, self._parameters, noise, decided)
+        known = self._attitude_follows, self._attitude_measured
+        search = search_jumps(track, self._parameters, noise, decided, *known)
+        self._attitude_measured = search.measured
+        return search
 
     def _ready(self, t: Array, search: JumpSearch, first: int) -> tuple[Mask, Array]:
         """Which steps from `first` on can be decided; and when (n,) s each can, inf where more poses are needed.
@@ -563,9 +573,7 @@ class PoseStream:
         """Remove jumps among steps first ... end of what was searched from row `begin` on."""
         table = self._table_now()
         least_tilt = search.least_tilt(self._parameters)
-        axes, displacement = rebuild_jumps(
-            _raw_track(table[begin:]), search.steps, search.jumped, least_tilt, self._parameters
-        )
+        axes, displacement = rebuild_jumps(_raw_track(table[begin:]), search, least_tilt, self._parameters)
         for segment, step in enumerate(np.flatnonzero(search.jumped).tolist()):
             if not first <= step < end:
                 continue
@@ -749,6 +757,7 @@ _NUMBERS = (
     "resumed_at",
     *("_x", "_y", "_z", "_qx", "_qy", "_qz", "_qw", "_vx", "_vy", "_vz", "_worst", "_least_dot", "_gate"),
     *("_check_at", "_search_at", "_check_count", "_stands", "_froze", "_stops"),
+    *("_attitude_measured", "_attitude_follows"),
     *("_level_vertical", "_own_vertical", "_segment_since"),
 )
 

@@ -36,6 +36,7 @@ from synchronizar.quaternions import (
 _UP = np.array([0.0, 0.0, 1.0])
 _PASSES = 4  # of the search: each excludes the jumps found so far from the neighbours
 _FEWEST_NEIGHBOURS = 3
+_LEAST_WAY = 1e-3  # m: directions of less are made of rounding
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrac
 
     at = _rows(jumped)
     least_tilt = search.least_tilt(parameters)
-    continued, displacement = rebuild_jumps(track, steps, jumped, least_tilt, parameters)
+    continued, displacement = rebuild_jumps(track, search, least_tilt, parameters)
     repaired_from_slam, level = _level_segments(track, segment, continued, least_tilt)
 
     attitude = multiply_quaternions(repaired_from_slam[segment], track.quat_xyzw)
@@ -122,6 +123,8 @@ class JumpSearch(NamedTuple):
     attitude_error: Array
     """(n,) rad: the same of the attitude."""
     noise: NoiseLevels
+    measured: bool = True
+    """Whether attitudes tell how SLAM's axes turn: not where they follow from the path (`attitude_follows`)."""
 
     def least_tilt(self, parameters: Parameters) -> float:
         """rad: the vertical of SLAM's axes changed in a jump if it did by more than this."""
@@ -139,30 +142,73 @@ class Prediction(NamedTuple):
     """(n,) rad: the same of the attitude."""
 
 
+def attitude_follows(track: Track, parameters: Parameters) -> bool | None:
+    """Whether a track's attitudes may be no more than its path; None where it hardly moves.
+
+    They are the same throughout, or each is turned to the direction of motion exactly, as no hand keeps it: computed
+    from that, they flip where the device turns back.
+    """
+    slam, q = parameters.slam, track.quat_xyzw
+    way = [np.diff(track.position[:-1], axis=0), np.diff(track.position[1:], axis=0)]
+    stencils = [*way, way[0] + way[1]]  # to the pose, from it, and about it
+    if len(track) < 3:
+        return None
+    length = np.linalg.norm(stencils[2], axis=1)
+    moving = length > slam.jump_speed * (track.t[2:] - track.t[:-2])
+    if moving.sum() < slam.aligned_fewest:
+        moving = length > _LEAST_WAY
+    if moving.sum() < slam.aligned_fewest:
+        return None
+    if not np.diff(q, axis=0).any():
+        return True
+    inverse = inverse_quaternions(q[1:-1][moving])
+    for stencil in stencils:
+        flat = stencil[moving] * [1.0, 1.0, 0.0]
+        ahead = rotate_by_quaternions(inverse, flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-12)[:, None])
+        mean = ahead.mean(axis=0)
+        off = np.linalg.norm(ahead - mean / max(float(np.linalg.norm(mean)), 1e-12), axis=1)
+        if float(np.quantile(off, slam.aligned_share)) < slam.aligned_turn:
+            return True
+    return False
+
+
 def search_jumps(
-    track: Track, parameters: Parameters, noise: NoiseLevels | None = None, decided: Mask | None = None
+    track: Track,
+    parameters: Parameters,
+    noise: NoiseLevels | None = None,
+    decided: Mask | None = None,
+    follows: bool | None = None,
+    measured: bool = True,
 ) -> JumpSearch:
     """Which steps of a track are jumps.
 
     A stretch of a longer track is searched with that track's `noise`, which else is the stretch's own, and with what
-    was `decided` (k,) of its first k steps before: which of them are jumps.
+    was `decided` (k,) of its first k steps before: which of them are jumps; with whether its attitudes may follow from
+    its path, and with whether they were still `measured`. One that follows flips where the device turns back, which
+    turns no axes; once it did, attitudes tell nothing of these.
     """
+    follows = bool(attitude_follows(track, parameters)) if follows is None else follows
     steps = steps_of(track)
     decided = np.zeros(0, dtype=bool) if decided is None else decided
     nothing = np.zeros(len(steps.dt), dtype=bool)
     if not len(steps.dt):
-        return JumpSearch(steps, nothing, nothing, np.zeros(0), np.zeros(0), noise or NoiseLevels(0.0, 0.0, 0.0))
+        none = noise or NoiseLevels(0.0, 0.0, 0.0)
+        return JumpSearch(steps, nothing, nothing, np.zeros(0), np.zeros(0), none, measured)
     interval = float(np.median(steps.dt)) if noise is None else noise.interval
     factor = parameters.slam.jump_spread * np.maximum(steps.dt / interval, 1.0)
     jumped, prediction = _jumped_by_position(steps, factor, noise, decided, parameters)
     turned = _turned_too_fast(steps, factor, noise, jumped, prediction.attitude_error, parameters)
     turned[: len(decided)] = False
+    if follows:
+        flipped = turned & _turns_back(steps)
+        turned &= ~flipped
+        measured &= bool(np.diff(track.quat_xyzw, axis=0).any() and not flipped.any())
     by_attitude = _jumped_by_attitude(track, steps, jumped, turned, prediction.attitude_error, parameters)
     if by_attitude.any():
         prediction = predict_steps(steps, ~(jumped | by_attitude), parameters.slam.jump_neighbours, parameters)
     errors = prediction.position_error, prediction.attitude_error
     noise = noise or NoiseLevels(interval, _noise_level(errors[0]), _noise_level(errors[1]))
-    return JumpSearch(steps, jumped | by_attitude, turned, *errors, noise)
+    return JumpSearch(steps, jumped | by_attitude, turned, *errors, noise, measured)
 
 
 def steps_of(track: Track) -> Steps:
@@ -212,6 +258,13 @@ def _turned_too_fast(
     level = factor * (_noise_level(error) if noise is None else noise.attitude)
     least = np.maximum(np.maximum(level, parameters.slam.jump_turn), parameters.slam.jump_rate * steps.dt)
     return np.asarray((error > least) & ~jumped)
+
+
+def _turns_back(steps: Steps) -> Mask:
+    """(n,) at which steps a device is slow, beside how fast it mostly is: there its direction may turn at once."""
+    speed = np.linalg.norm(steps.twist[:, 3:6], axis=1)
+    beside = np.concatenate([speed[:1], speed, speed[-1:]])
+    return np.asarray(np.minimum(np.minimum(beside[:-2], beside[2:]), speed) < 0.5 * np.median(speed))
 
 
 def _jumped_by_attitude(
@@ -269,15 +322,14 @@ def predict_steps(steps: Steps, good: Mask, neighbours: int, parameters: Paramet
     return Prediction(0.5 * (before + after), predicted * np.minimum(body, slam), predicted * rate)
 
 
-def rebuild_jumps(
-    track: Track, steps: Steps, jumped: Mask, least_tilt: float, parameters: Parameters
-) -> tuple[Array, Array]:
+def rebuild_jumps(track: Track, search: JumpSearch, least_tilt: float, parameters: Parameters) -> tuple[Array, Array]:
     """Each segment's axes (segments, 4) in those of the first, and all displacements (n, 3) m with jumps rebuilt.
 
     A jump is replaced by the mean of the steps beside it. Consecutive jumps are one event; only its total turn counts.
     SLAM's axes did not turn where velocities show so; else they turned about the vertical, unless the tilt itself
-    changed beyond noise.
+    changed beyond noise. Where attitudes were not measured the direction of motion alone tells how they turned.
     """
+    steps, jumped = search.steps, search.jumped
     at = _rows(jumped)
     moved = predict_steps(steps, ~jumped, 1, parameters).twist[at] * steps.dt[at, None]
     q, q_next = track.quat_xyzw[at], track.quat_xyzw[at + 1]
@@ -288,7 +340,9 @@ def rebuild_jumps(
     axes = np.tile(IDENTITY, (len(at) + 1, 1))
     for event in np.split(np.arange(len(at)), np.flatnonzero(np.diff(at) > 1) + 1):
         turned = cumulative_products(turns[event])
-        if rotation_angles(turned[-1]) > parameters.slam.jump_turn and _axes_stayed(
+        if not search.measured:
+            turned, rebuilt[event] = _by_direction(steps, jumped, at[event], parameters)
+        elif rotation_angles(turned[-1]) > parameters.slam.jump_turn and _axes_stayed(
             steps, jumped, at[event], parameters
         ):
             turned = np.tile(IDENTITY, (len(event), 1))
@@ -299,6 +353,22 @@ def rebuild_jumps(
     displacement = steps.displacement.copy()
     displacement[at] = rebuilt
     return axes, displacement
+
+
+def _by_direction(steps: Steps, jumped: Mask, run: Indices, parameters: Parameters) -> tuple[Array, Array]:
+    """(m, 4) how SLAM's axes turned in a run of m steps, and (m, 3) m the steps, by velocities on both sides.
+
+    Where the device hardly moves on either side they are taken not to have turned.
+    """
+    good, n = np.flatnonzero(~jumped), parameters.slam.jump_neighbours
+    sides = (good[good < run[0]][-n:], good[good > run[-1]][:n])
+    before, after = (steps.twist[side, 3:6].mean(axis=0) if len(side) else np.full(3, np.nan) for side in sides)
+    turn = 0.0
+    if min(np.hypot(*before[:2]), np.hypot(*after[:2])) > parameters.slam.jump_speed:
+        turn = float(np.arctan2(before[1], before[0]) - np.arctan2(after[1], after[0]))
+    axes = yaw_quaternion(turn)
+    velocity = np.nanmean([before, rotate_by_quaternions(axes, after)], axis=0) if len(good) else np.zeros(3)
+    return np.tile(axes, (len(run), 1)), velocity * steps.dt[run, None]
 
 
 def _axes_stayed(steps: Steps, jumped: Mask, run: Indices, parameters: Parameters) -> bool:

@@ -34,7 +34,8 @@ class Evaluation:
     The dictionaries hold every user with both an estimate and truth, except the reference.
     """
 
-    reference: str
+    reference: str | None
+    """None where the tracks are in a survey's frame, which is the truth's: `transfer` needs no alignment then."""
     joint_ate: float | None
     """After one alignment of all users together; every user has the same weight."""
     joint_ate_xy: float | None
@@ -42,7 +43,8 @@ class Evaluation:
     """Of the reference after its own alignment."""
     reference_ate_xy: float | None
     transfer: Mapping[str, float | None]
-    """Of each other user after the reference's alignment; None where the reference has no truth or did not move."""
+    """Of each other user after the reference's alignment; None where the reference has no truth or did not move. In a
+    survey's frame of everybody, as it is."""
     transfer_xy: Mapping[str, float | None]
     yaw: Mapping[str, float | None]
     """rad: yaw from a user's track to its truth aligned by the reference; None also where the truth did not move."""
@@ -63,10 +65,11 @@ class Matched:
         return float(np.linalg.norm(np.ptp(self.true, axis=0))) >= MOVED_M
 
 
-def evaluate(estimated: Mapping[str, Track], truth: Mapping[str, Track], reference: str) -> Evaluation:
+def evaluate(estimated: Mapping[str, Track], truth: Mapping[str, Track], reference: str | None) -> Evaluation:
     """Errors of tracks in one common frame, at the estimates' stamps that the truth covers.
 
-    A track of one pose is a static device and holds at all times.
+    Truth that is sparser than it may be interpolated is compared at its own stamps. A track of one pose is a static
+    device and holds at all times. `reference` None: the common frame is the truth's own.
     """
     users = {}
     for name in sorted(truth):
@@ -84,10 +87,12 @@ def evaluate(estimated: Mapping[str, Track], truth: Mapping[str, Track], referen
     others = {name: matched for name, matched in users.items() if name != reference}
     transfer: dict[str, float | None] = dict.fromkeys(others)
     transfer_xy, yaw = transfer.copy(), transfer.copy()
-    if reference in users:
-        world_from_common = align([users[reference]])
-        reference_ate, reference_ate_xy = _rmse(world_from_common, users[reference])
-        if users[reference].moved:
+    if reference is None or reference in users:
+        world_from_common = YawFrame()
+        if reference is not None:
+            world_from_common = align([users[reference]])
+            reference_ate, reference_ate_xy = _rmse(world_from_common, users[reference])
+        if reference is None or users[reference].moved:
             for name, matched in others.items():
                 transfer[name], transfer_xy[name] = _rmse(world_from_common, matched)
                 if matched.moved:
@@ -134,11 +139,14 @@ def read_tracks(folder: Path, settings: Settings | None = None) -> dict[str, Tra
     return {file.stem: read_tum(file, up.get(file.stem, settings.up)) for file in files}
 
 
-def _reference(path: Path, truth: Mapping[str, Track]) -> str:
-    """The reference that a registration.json names; without one the first by name whose truth moves."""
+def _reference(path: Path, truth: Mapping[str, Track]) -> str | None:
+    """The reference that a registration.json names, None for a survey.
+
+    Without one the first by name whose truth moves.
+    """
     named = read_reference(path) if path.exists() else None
     if named is not None:
-        return named
+        return None if named.is_survey else named.name
     return next((name for name, track in truth.items() if track.extent() >= MOVED_M), next(iter(truth)))
 
 
@@ -148,6 +156,10 @@ def match(estimated: Track, truth: Track) -> Matched | None:
         return Matched(estimated.position, np.broadcast_to(truth.position, estimated.position.shape))
     if len(estimated) == 1:
         return Matched(np.broadcast_to(estimated.position, truth.position.shape), truth.position)
+    if float(np.median(np.diff(truth.t))) > MAX_GAP_S:
+        poses = estimated.at(truth.t, MAX_GAP_S)
+        known = poses.valid
+        return Matched(poses.position[known], truth.position[known]) if known.any() else None
     poses = truth.at(estimated.t, MAX_GAP_S)
     if not poses.valid.any():
         return None

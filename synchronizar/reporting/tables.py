@@ -78,10 +78,11 @@ def _aligned(cells: tuple[str, ...], widths: list[int]) -> list[str]:
 
 def evaluation_table(e: Evaluation) -> str:
     """Errors in m and degrees, a row for each alignment to the truth."""
+    whose = "the survey's frame" if e.reference is None else f"{e.reference}'s"
     rows = [
         ("all together", e.joint_ate, e.joint_ate_xy, None),
-        (f"{e.reference} alone", e.reference_ate, e.reference_ate_xy, None),
-        *((f"{name} in {e.reference}'s", e.transfer[name], e.transfer_xy[name], e.yaw[name]) for name in e.transfer),
+        *([] if e.reference is None else [(f"{e.reference} alone", e.reference_ate, e.reference_ate_xy, None)]),
+        *((f"{name} in {whose}", e.transfer[name], e.transfer_xy[name], e.yaw[name]) for name in e.transfer),
     ]
     width = max(len(row[0]) for row in rows)
     lines = [f"{'aligned':{width}}  RMSE (m)  in x, y (m)  yaw (°)"]

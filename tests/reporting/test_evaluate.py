@@ -250,3 +250,19 @@ def test_real_truth_against_itself_is_perfect_and_raw_tracks_are_not(name: str) 
     assert raw.joint_ate > 2.0 * raw.reference_ate
     assert set(raw.transfer) | set(raw.missing) | {raw.reference} == {p.stem for p in (recording / "truth").glob("*")}
     assert read_tum(recording / "truth" / f"{raw.reference}.tum", "z").extent() > 0.5
+
+
+def test_truth_at_one_hertz_is_compared_at_its_own_stamps() -> None:
+    """Estimates at 10 Hz, truth once a second between their stamps: 0.2 m north of a straight way is 0.2 m off."""
+    t = 0.1 * np.arange(101)
+    x = 1.3 * t
+    sparse = 0.03 + np.arange(10.0)
+    estimated = {"a": track(t, np.column_stack([x, 0.0 * x, 0.0 * x])), "b": track(t, np.column_stack([x, x, 0.0 * x]))}
+    truth = {
+        "a": track(sparse, np.column_stack([1.3 * sparse, 0.0 * sparse, 0.0 * sparse])),
+        "b": track(sparse, np.column_stack([1.3 * sparse, 1.3 * sparse + 0.2, 0.0 * sparse])),
+    }
+    found = evaluate(estimated, truth, "a")
+    assert found.missing == ()
+    assert found.reference_ate == pytest.approx(0.0, abs=1e-9)
+    assert found.transfer["b"] == pytest.approx(0.2)

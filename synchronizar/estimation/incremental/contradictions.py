@@ -64,14 +64,17 @@ class Contradictions:
         fits = np.abs(self._recent.whitened[own]) < self._parameters.integrity.innovation_sigmas
         return len(fits) >= self._parameters.integrity.innovation_fewest and float(fits.mean()) > 0.5
 
-    def found(self, now: float, gauge: int, trusted: frozenset[int]) -> Contradicted | None:
+    def found(
+        self, now: float, gauge: int, trusted: frozenset[int], surveyed: frozenset[int] = frozenset()
+    ) -> Contradicted | None:
         """The users whose latest ranges contradict them, and why; None: there are none.
 
         Of those who are `trusted` more is needed. One shift of some against the others tells the soonest. Besides, a
         user's ranges ring the alarm. Who is wrong then is told by who still fits whom: those who fit the gauge, by a
-        chain of pairs that fit, are right, unless that is nobody but the gauge while others fit one another.
+        chain of pairs that fit, are right, unless that is nobody but the gauge while others fit one another. Where
+        radios were `surveyed`, those are right who fit most of them.
         """
-        moved = self._moved(now, gauge, trusted)
+        moved = self._moved(now, gauge, trusted, surveyed)
         if moved is not None:
             return moved
         rung = self._alarm(now)
@@ -84,16 +87,19 @@ class Contradictions:
         if len(with_gauge) == 1 and any(len(group) > 1 for group in groups):
             largest = max(groups, key=len)
             wrong = [u for group in groups if group is not largest for u in group]
+        if surveyed:
+            beside = max(groups, key=lambda group: (len(surveyed.intersection(group)), len(group)))
+            wrong = [u for group in groups if group is not beside for u in group]
         if not wrong:  # all fit by some chain: it is the one that rang
-            wrong = [user if user != gauge else self._worst_beside(gauge, window, now)]
+            wrong = [user if user != gauge or surveyed else self._worst_beside(gauge, window, now)]
         return Contradicted(wrong, reason)
 
-    def _moved(self, now: float, gauge: int, trusted: frozenset[int]) -> Contradicted | None:
+    def _moved(self, now: float, gauge: int, trusted: frozenset[int], surveyed: frozenset[int]) -> Contradicted | None:
         """The users whose latest ranges one shift explains so much better that they are there; who may be is noted."""
         m = self._parameters.integrity
         likely: dict[frozenset[int], tuple[float, Array]] = {}
         for found in shifted(self._recent, now, self._parameters):
-            wrong = self._wrong(found.users, gauge)
+            wrong = self._wrong(found.users, gauge, surveyed)
             gain = found.gain - m.shift_cost * len(wrong & trusted)
             long_enough = float(np.linalg.norm(found.shift)) > m.shift_least
             if long_enough and gain > (likely[wrong][0] if wrong in likely else 0.0):
@@ -113,9 +119,14 @@ class Contradictions:
         reason = f"its latest ranges say that it is {float(np.linalg.norm(shift)):.1f} m from there"
         return Contradicted(sorted(wrong), reason, upright)
 
-    def _wrong(self, moved: frozenset[int], gauge: int) -> frozenset[int]:
-        """Who is wrong where some moved against the others: who is not with the gauge, unless the gauge is alone."""
+    def _wrong(self, moved: frozenset[int], gauge: int, surveyed: frozenset[int]) -> frozenset[int]:
+        """Who is wrong where some moved against the others: who is not with the gauge, unless the gauge is alone.
+
+        Where radios were surveyed, who is not with most of them.
+        """
         others = frozenset(np.unique(self._recent.users).tolist()) - moved
+        if surveyed:
+            return moved if len(moved & surveyed) <= len(others & surveyed) else others
         own, rest = (moved, others) if gauge in moved else (others, moved)
         return own if len(own) == 1 and len(rest) > 1 else rest
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from synchronizar.arrays import Array
 from synchronizar.data.ranges import SOURCES
 from synchronizar.data.registration import RangeVerdicts, Registration, State, UserRegistration
+from synchronizar.data.survey import SURVEY, survey_origin
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.estimation.incremental.engine import Engine
@@ -22,8 +23,12 @@ from synchronizar.estimation.incremental.told import NewestRange, newest_ranges,
 from synchronizar.geometry import Up, YawFrame
 from synchronizar.parameters import Parameters
 
-_SETTINGS = ("static", "height_sigma", "antennas", "up")
+_SETTINGS = (
+    *("static", "height_sigma", "position", "position_sigma", "range_bias", "range_bias_sigma"),
+    *("antennas", "up"),
+)
 _NUMBERS = ("sigma", "rx_power", "fp_power", "nlos")
+_SURVEYED = "radios were surveyed: the common frame is the survey's"
 _NOBODY_MOVED = "nobody has moved far enough yet to be the reference"
 
 
@@ -42,10 +47,11 @@ class Estimator:
         parameters: Parameters | None = None,
         workers: int | None = None,
     ) -> None:
-        """`users`: names, or settings by name as in recording.toml (static, up, height_sigma, antennas).
+        """`users`: names, or settings by name as in recording.toml (static, up, height_sigma, position, antennas, ...).
 
         `up`: which axis points up in the poses of users whose settings do not say, "z" or "y". `reference`: whose frame
-        the common one is; None: the first by name that moves more than 0.5 m. `workers`: 0 searches within `advance`,
+        the common one is; None: the first by name that moves more than 0.5 m. Where radios were surveyed (position)
+        the common frame is the survey's, and there is no `reference` to choose. `workers`: 0 searches within `advance`,
         and is deterministic; 1 in a process of its own, so that nobody waits for it; None: 1 where there is more than
         one core. Raises ValueError naming the argument.
         """
@@ -53,26 +59,41 @@ class Estimator:
             raise ValueError(f"workers: must be 0, 1 or None, not {workers!r}")
         self._workers = _usual_workers() if workers is None else int(workers)
         self._up: Up = up
-        self.users = _users(users, up)
+        self._all = _users(users, up)
+        """As the engine has them: the survey's origin is among them."""
         self.refused: Counter[str] = Counter()
         """How many poses and ranges were no measurement, by what was wrong with them; they are left out."""
-        self._index = {user.name: u for u, user in enumerate(self.users)}
-        """Where each user stands in `users`, by name."""
+        self._index = {user.name: u for u, user in enumerate(self._all)}
+        """Where each user stands among all, by name."""
         self._parameters = parameters or Parameters()
-        self._at_first = len(self.users)
         self._engine: Engine | None = None
         self._waiting: list[Callable[[Engine], None]] = []
         self._extent: dict[str, tuple[Array, Array]] = {}
         self._told: Counter[str] = Counter()
+        self._news: list[str] = []
+        origin = survey_origin(self._all)
+        if origin is not None:
+            if reference is not None:
+                raise ValueError(f"reference: {_SURVEYED}")
+            self._all = (*self._all, origin)
+            self._begin(len(self._all) - 1)
         if reference is not None:
-            if self.users[self._known("reference", reference)].static:
+            if self._all[self._known("reference", reference)].static:
                 raise ValueError(f"reference: {reference!r} is static: it has no heading for the common frame")
-            self._begin(reference)
+            self._begin(self._index[reference])
+
+    @property
+    def users(self) -> tuple[User, ...]:
+        """Everybody, in the order in which they came."""
+        return tuple(user for user in self._all if not user.is_survey_origin)
 
     @property
     def reference(self) -> str | None:
-        """Whose frame the common one is; None until somebody has moved far enough."""
-        return None if self._engine is None else self.users[self._engine.reference].name
+        """Whose frame the common one is, "survey" where radios were; None until somebody has moved far enough."""
+        if self._engine is None:
+            return None
+        known = self._all[self._engine.reference]
+        return SURVEY if known.is_survey_origin else known.name
 
     def add_pose(self, user: str, t: float, position: ArrayLike, quat_xyzw: ArrayLike) -> None:
         """A device's own pose: s by its own clock, (3,) m and (4,) x y z w in the axes of its own frame.
@@ -81,7 +102,7 @@ class Estimator:
         device can mean (NaN, a zero quaternion) is refused: counted in `refused`, told by `advance`.
         """
         known_as = self._known("user", user)
-        known = self.users[known_as]
+        known = self._all[known_as]
         if known.static:
             raise ValueError(f"user: {user!r} is static: it has no poses")
         stamp = _number("t", t)
@@ -127,7 +148,7 @@ class Estimator:
         columns = {name: _number(name, value) for name, value in optional.items() if value is not None}
         columns = {name: value for name, value in columns.items() if not np.isnan(value)}
         for end, which, antenna in (("antenna_a", ends[0], antenna_a), ("antenna_b", ends[1], antenna_b)):
-            columns[end] = _antenna(end, self.users[which], antenna)
+            columns[end] = _antenna(end, self._all[which], antenna)
         if a == b:
             return self._refuse(f"{a}: a range to itself")
         if not np.isfinite([stamp, measured]).all():
@@ -141,14 +162,28 @@ class Estimator:
     def add_user(self, name: str, **settings: Any) -> None:
         """One more user, with settings as in recording.toml.
 
+        With the first radio that was surveyed the common frame becomes the survey's, and everybody is looked for anew.
         Raises ValueError for a name that is there already, or a setting that is none.
         """
         if name in self._index:
             raise ValueError(f"name: there is a user {name!r} already")
         (user,) = _known_users({name: settings}, self._up)
-        self.users = (*self.users, user)
-        self._index[name] = len(self.users) - 1
-        self._do(lambda engine: engine.add_user(user))
+        self._index[name] = len(self._all)
+        self._all = (*self._all, user)
+        if user.position is not None and not any(known.is_survey_origin for known in self._all):
+            self._begin_survey()
+        elif self._engine is not None:
+            self._engine.add_user(user)
+
+    def _begin_survey(self) -> None:
+        """The first surveyed radio has come."""
+        origin = survey_origin(self._all)
+        assert origin is not None
+        self._all = (*self._all, origin)
+        if self._engine is not None:
+            self._engine.close()
+            self._news.append(f"{_SURVEYED} from now on: everybody is looked for anew")
+        self._begin(len(self._all) - 1)
 
     def lost_tracking(self, user: str) -> None:
         """A device says that its SLAM lost track: the user is not registered until it is found anew.
@@ -169,7 +204,7 @@ class Estimator:
     def _moving(self, user: str) -> int:
         """The index of a user who has SLAM."""
         known_as = self._known("user", user)
-        if self.users[known_as].static:
+        if self._all[known_as].static:
             raise ValueError(f"user: {user!r} is static: it has no SLAM")
         return known_as
 
@@ -182,8 +217,9 @@ class Estimator:
         if not np.isfinite(now):
             raise ValueError(f"t: {t!r} is no time")
         if self._engine is None and (moved := self._moved()) is not None:
-            self._begin(moved)
-        events = self._engine.advance(now) if self._engine is not None else []
+            self._begin(self._index[moved])
+        events, self._news = self._news, []
+        events += self._engine.advance(now) if self._engine is not None else []
         news = self.refused - self._told
         self._told = self.refused.copy()
         return [*events, *(f"{what}: refused, {count} time{'s' * (count > 1)}" for what, count in sorted(news.items()))]
@@ -223,10 +259,10 @@ class Estimator:
     def load(cls, path: str | Path, parameters: Parameters | None = None, workers: int | None = None) -> Estimator:
         """Go on from a file that `save` wrote, and say what the saved one said. Raises InputError where it is none."""
         engine, face = load(path, parameters or Parameters(), _usual_workers() if workers is None else workers)
-        settings = {user.name: _settings(user) for user in engine.users}
+        settings = {user.name: _settings(user) for user in engine.users if not user.is_survey_origin}
         out = cls(settings, up=face["up"], parameters=parameters, workers=workers)
-        out.users, out.refused, out._told = engine.users, Counter(face["refused"]), Counter(face["told"])
-        out._index = {user.name: u for u, user in enumerate(out.users)}
+        out._all, out.refused, out._told = engine.users, Counter(face["refused"]), Counter(face["told"])
+        out._index = {user.name: u for u, user in enumerate(out._all) if not user.is_survey_origin}
         out._engine = engine
         return out
 
@@ -244,8 +280,8 @@ class Estimator:
         else:
             call(self._engine)
 
-    def _begin(self, reference: str) -> None:
-        self._engine = Engine(self.users[: self._at_first], self._index[reference], self._parameters, self._workers)
+    def _begin(self, reference: int) -> None:
+        self._engine = Engine(self._all, reference, self._parameters, self._workers)
         waiting, self._waiting = self._waiting, []
         for call in waiting:
             call(self._engine)
@@ -287,6 +323,11 @@ def _known_users(users: Iterable[str] | Mapping[str, Mapping[str, Any]], up: Up)
             raise ValueError(f"users: {name!r} has no setting {min(unknown)!r}; there are {', '.join(_SETTINGS)}")
         own: dict[str, Any] = {"up": up} | dict(settings[name])
         own["antennas"] = {k: _lever(name, k, lever) for k, lever in dict(own.get("antennas", {})).items()}
+        if own.get("position") is not None:
+            x, y, z = _vector(f"users: position of {name!r}", own["position"], 3).tolist()
+            own["position"] = (x, y, z)
+        if own.get("position_sigma") == 0.0:
+            raise ValueError(f"users: {name!r}: a position_sigma must be positive")
         if own["up"] not in ("y", "z"):
             raise ValueError(f'users: {name!r} has up {own["up"]!r}; it must be "z" or "y"')
         try:

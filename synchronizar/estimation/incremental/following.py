@@ -53,6 +53,11 @@ class Following:
             return roster.reference
         return max(others, key=lambda u: (members[u].slot, not roster.users[u].static, -u))
 
+    @property
+    def surveyed(self) -> frozenset[int]:
+        """The members that were surveyed and are where they were."""
+        return frozenset(u for u in self.tracking.members if self.tracking.is_surveyed(u))
+
     def advance(self) -> None:
         """Take in the poses and ranges that have come, and estimate where all are."""
         rows = self._log.take()
@@ -93,6 +98,9 @@ class Following:
         """
         gauge, own = found.gauge, found.users[found.gauge]
         members = self.tracking.members
+        if not members and (survey := self._roster.users[self._roster.reference].position) is not None:
+            self.shift = np.array(survey)
+            return np.append(self.shift, 0.0)
         if not members:
             scale = float(np.exp(own.calibration[0]))
             if self._begun is None:

@@ -63,7 +63,7 @@ class Judging:
         """Whether the latest ranges contradict some: these are looked for in what comes from now on."""
         roster, following = self._roster, self._following
         trusted = self._trusted()
-        found = following.contradictions.found(roster.now, following.gauge, trusted)
+        found = following.contradictions.found(roster.now, following.gauge, trusted, following.surveyed)
         if found is None:
             return False
         for user in found.users:

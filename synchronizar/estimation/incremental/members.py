@@ -95,7 +95,7 @@ class Members:
         """A member, in the common frame."""
         tracked = self.tracking.members[user]
         state = tracked.state.copy()
-        state[:2] += self._shift[:2]
+        state[[0, 1, 3]] += self._shift
         state[6] += self.tracking.assumed_clock[user]
         n = self._row[user]
         own = self._joint[n, :, n]

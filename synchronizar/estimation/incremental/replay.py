@@ -12,10 +12,12 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State
+from synchronizar.data.survey import with_survey_origin
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Replay, Update, UserUpdate
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.reasons import with_reasons
+from synchronizar.diagnosis.survey import survey_findings
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.told import registration_now, user_now
 from synchronizar.estimation.register import reference_of, register
@@ -35,8 +37,8 @@ def replay(
     """Play a recording; `told` hears each update as it is known. Raises InputError as `register` does."""
     parameters = parameters or Parameters()
     began = perf_counter()
-    ref = reference_of(recording, reference, parameters)
-    engine = Engine(recording.users, ref, parameters)
+    measured = with_survey_origin(recording)
+    engine = Engine(measured.users, reference_of(measured, reference, parameters), parameters)
     rows: list[list[Array]] = [[] for _ in recording.users]
     updates: list[Update] = []
     known = _Known(engine, recording)
@@ -66,8 +68,9 @@ def replay(
     tell(engine.complete)
     tracks = {user.name: _track(np.array(of)) for user, of in zip(recording.users, rows, strict=True) if of}
     seconds = {"load": 0.0, "initialise": 0.0, "solve": perf_counter() - began}
-    found = findings_of(recording, parameters)
-    return Replay(updates, tracks, with_reasons(known.registration(tracks, seconds), found))
+    registration = known.registration(tracks, seconds)
+    found = [*findings_of(recording, parameters), *survey_findings(recording, registration, parameters)]
+    return Replay(updates, tracks, with_reasons(registration, found))
 
 
 class _Known:
@@ -85,7 +88,7 @@ class _Known:
         """Go on to a moment, and tell."""
         engine, began = self.engine, perf_counter()
         events = advance(t)
-        now = [user_now(engine, u) for u in range(len(engine.users))]
+        now = [user_now(engine, u) for u in range(len(self.recording.users))]
         seconds = perf_counter() - began
         self._read(t)
         users = {
@@ -127,7 +130,9 @@ class _Known:
         if not self.engine.solved:
             measured = self.recording.ranges
             nothing = replace(self.recording, ranges=replace(measured, distance=np.full(len(measured), np.nan)))
-            return replace(register(nothing, self.recording.users[self.engine.reference].name), ranges=ranges)
+            reference = self.engine.users[self.engine.reference]
+            whose = None if reference.is_survey_origin else reference.name
+            return replace(register(nothing, whose), ranges=ranges)
         told = registration_now(self.engine)
         users = {name: replace(user, common_track=tracks.get(name)) for name, user in told.users.items()}
         return replace(told, users=users, ranges=ranges, seconds=seconds)

@@ -15,6 +15,7 @@ from synchronizar.data.registration import (
     State,
     UserRegistration,
 )
+from synchronizar.data.survey import SURVEY
 from synchronizar.data.user import User
 from synchronizar.estimation.incremental.engine import Engine
 from synchronizar.estimation.incremental.standing import Placed
@@ -26,13 +27,21 @@ _NO_SECONDS = {"load": 0.0, "initialise": 0.0, "solve": 0.0}
 
 def registration_now(engine: Engine) -> Registration:
     """Frames at each user's last pose, states, progress and cues; nobody is placed before anything is solved."""
-    users = {user.name: user_now(engine, u) for u, user in enumerate(engine.users)}
-    reference = engine.users[engine.reference].name
+    users = {user.name: user_now(engine, u) for u, user in enumerate(engine.users) if not user.is_survey_origin}
+    reference = engine.users[engine.reference]
     alternatives = tuple(
-        Alternative(cost, {engine.users[u].name: _frame(engine.users[u], frame, 1.0) for u, frame in frames.items()})
+        Alternative(
+            cost,
+            {
+                engine.users[u].name: _frame(engine.users[u], frame, 1.0)
+                for u, frame in frames.items()
+                if not engine.users[u].is_survey_origin
+            },
+        )
         for cost, frames in engine.findings.alternatives
     )
-    return Registration(reference, "full", "joint", users, alternatives, range_verdicts(engine), _NO_SECONDS)
+    name = SURVEY if reference.is_survey_origin else reference.name
+    return Registration(name, "full", "joint", users, alternatives, range_verdicts(engine), _NO_SECONDS)
 
 
 def user_now(engine: Engine, u: int) -> UserRegistration:
@@ -66,7 +75,7 @@ def user_now(engine: Engine, u: int) -> UserRegistration:
         static=user.static,
         unseen_direction=unseen if state is State.UNOBSERVABLE else None,
         prior_dominated=() if verdict is None else verdict.prior_dominated,
-        range_bias=float(placed.state[5]),
+        range_bias=float(placed.state[5]) + (user.range_bias or 0.0),
         clock_offset=None if user.static else float(placed.state[6]),
         calibration_sigma=CalibrationSigma(float(sigma[0]) * scale, float(sigma[1]), float(sigma[2])),
         slam_noise=None if user.static else (place, heading),

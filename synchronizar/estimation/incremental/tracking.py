@@ -30,7 +30,14 @@ from synchronizar.estimation.incremental.slot_ranges import (
 from synchronizar.estimation.incremental.slot_states import SlotStates
 from synchronizar.graph.follower import Follower, SlotState
 from synchronizar.graph.pose_graph import calibration_sigmas
-from synchronizar.graph.priors import height_sigma_of, nlos_mixture
+from synchronizar.graph.priors import (
+    height_sigma_of,
+    known_bias_sigmas,
+    known_biases,
+    nlos_mixture,
+    survey_of,
+    survey_sigmas,
+)
 from synchronizar.graph.slot_factors import (
     Joining,
     SlamStep,
@@ -42,6 +49,7 @@ from synchronizar.graph.slot_factors import (
     ranges_factor,
     step_factor,
 )
+from synchronizar.graph.states import BIAS
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import PoseStream, ends_of_ranges
 
@@ -54,6 +62,9 @@ _STEPS = 5  # Gauss-Newton steps of a graph that is built anew, one an update
 _MOST_OPENED = 30  # slots at once: who was away for longer than that is not followed any more
 _FAR_OFF = 3.0  # sigmas of clocks when people come: what is more has been seen to run off
 _CLOCK_STEP = 0.02  # s, at most: how far the clock that a track is read by follows its estimate in a slot
+_EXACT = 1e-3  # m and rad: 1 sigma of where the one is held who begins the common frame
+_BELIEVED = 0.1  # of the weight of a surveyed place: one that weighs less is where its ranges have it
+_NO_LEVEL = 1e3  # m: a survey's places tell nothing of the others' mean height
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
 _SOMEWHERE = 10.0  # m, 1 sigma of the prior of who joins; a search has it to within a metre
 _FEWEST_RANGES = 20  # of a user, for a share of them
@@ -146,6 +157,7 @@ class Tracking:
         """s, range clock: when slot 0 begins."""
         self._loss = nlos_mixture(parameters)
         self._levers = _levers(users)
+        self._survey, self._biases = _survey(users), known_biases(users)
         self._waiting: NewRanges | None = None
         self.slots = SlotStates(len(users))
         self.weighing = RangeWeighing(parameters)
@@ -155,7 +167,7 @@ class Tracking:
         # What factors are made of, for them to be made again.
         self._steps: dict[tuple[int, int], tuple[int, SlamStep]] = {}
         self._priors: dict[Hashable, tuple[list[Joining], list[Joining]]] = {}
-        self._held: dict[tuple[int, int], tuple[Array, bool]] = {}
+        self._held: dict[tuple[int, int], tuple[Array, float]] = {}
         self._given: dict[int, Array] = {}
 
     def slot_of(self, t: float) -> int:
@@ -197,6 +209,8 @@ class Tracking:
         state[3] += dz
         self._insert(user, slot, stamp, place, state)
         self._tie(user, before, self.members[user])
+        if self.is_surveyed(user):
+            self._hold(user, slot)
         return True
 
     def _insert(self, user: int, slot: int, stamp: float, place: Array, state: Array) -> None:
@@ -235,6 +249,7 @@ class Tracking:
 
     def add(self, ranges: NewRanges) -> None:
         """Ranges between members, as they came."""
+        ranges = ranges._replace(distance=ranges.distance - self._biases[ranges.i] - self._biases[ranges.j])
         if self._waiting is not None:
             columns: Any = zip(self._waiting, ranges, strict=True)
             ranges = NewRanges(*(np.concatenate(both) for both in columns))
@@ -425,6 +440,7 @@ class Tracking:
         """One more user, who is not followed yet."""
         self.users = (*self.users, user)
         self._levers = _levers(self.users)
+        self._survey, self._biases = _survey(self.users), known_biases(self.users)
         self.slots.add_user()
         self.assumed_clock, self.read_clock = np.append(self.assumed_clock, 0.0), np.append(self.read_clock, 0.0)
         self.noise = np.vstack([self.noise, [1.0, 1.0]])
@@ -460,8 +476,11 @@ class Tracking:
         name = ("prior", *sorted(new), *first.values())
         self._priors[name] = joining, known
         self.follower.put(name, self._prior_of(name), min(first.values()))
-        for user in new:
-            self._hold(user, first[user], user == reference)
+        for user, found in new.items():
+            self._hold(user, first[user], exactly=user == reference)
+            if self.is_surveyed(user):
+                for slot in found.slots:
+                    self._hold(user, slot)
 
     def _prior_of(self, name: Hashable) -> SlotFactor:
         """The factor of some who joined."""
@@ -469,25 +488,42 @@ class Tracking:
         joining, known = self._priors[name]
         return joining_prior(joining, known, shared)
 
-    def _hold(self, user: int, slot: int, exactly: bool) -> None:
-        """A prior on the place at a user's first slot: exactly that of the one who begins the common frame."""
-        self._held[user, slot] = self.slots.state(user, slot)[:4], exactly
-        for kind in ("place", "height") if exactly else ("place",):
+    def is_surveyed(self, user: int) -> bool:
+        """Whether a user is held where it was surveyed to be: the origin, and radios whose entry is believed."""
+        return bool(np.isfinite(self._survey[user, 0]) and self.height_weight[user] > _BELIEVED)
+
+    def _hold(self, user: int, slot: int, exactly: bool = False) -> None:
+        """A prior on the place at a slot: exactly that of the one who begins the common frame, or a surveyed one.
+
+        Others have a wide one at their first slot.
+        """
+        at, sigma = self.slots.state(user, slot)[:4], _EXACT if exactly else _SOMEWHERE
+        if self.is_surveyed(user):
+            x, y, z = self._survey[user].tolist()
+            at = np.array([x, y, float(at[2]), z])
+            of_entry = float(survey_sigmas([self.users[user]], self.parameters)[0] / np.sqrt(self.height_weight[user]))
+            sigma = _EXACT if self.users[user].is_survey_origin else of_entry
+        self._held[user, slot] = at, sigma
+        for kind in ("place", "height") if sigma < _SOMEWHERE else ("place",):
             self.follower.put((kind, user, slot), self._holding(kind, user, slot), slot)
 
     def _holding(self, kind: str, user: int, slot: int) -> SlotFactor:
         """The factor that holds a user's place, or height."""
-        at, exactly = self._held[user, slot]
+        at, sigma = self._held[user, slot]
         x, y, yaw, height = at.tolist()
         if kind == "height":
-            return height_prior(user, slot, height, 1e-3)
-        sigma = (1e-3, 1e-3, 1e-3) if exactly else (_SOMEWHERE, _SOMEWHERE, self.parameters.priors.yaw_sigma)
-        return place_prior(user, slot, (x, y, yaw), sigma)
+            return height_prior(user, slot, height, sigma)
+        heading = _EXACT if sigma == _EXACT else self.parameters.priors.yaw_sigma
+        return place_prior(user, slot, (x, y, yaw), (sigma, sigma, heading))
 
     def _joining(self, user: int, slot: int) -> Joining:
         own, _ = calibration_sigmas(self.parameters)
         height = float(self.slots.place(user, slot)[2])
         sigma = height_sigma_of(self.users[user], self.parameters) / np.sqrt(2.0 * self.height_weight[user])
+        if np.isfinite(self._survey[user, 0]):
+            sigma = _NO_LEVEL
+        own = own.copy()
+        own[BIAS] = 1.0 / np.hypot(1.0 / own[BIAS], 1.0 / known_bias_sigmas([self.users[user]], self.parameters)[0])
         clock = float(self.assumed_clock[user])
         return Joining(user, slot, height, clock - self.run_off(clock), sigma, own)
 
@@ -511,10 +547,10 @@ class Tracking:
             self._put(slot)
         self.members.pop(user)
         self.height_spread[user] = 0.0
-        if any(held for (u, _), (_, held) in self._held.items() if u == user):
+        if any(sigma == _EXACT for (u, _), (_, sigma) in self._held.items() if u == user):
             # It was the one that all were beside: from now on that is who is there longest.
             slot, left = next((n, us) for n, us in self.follower.slots.items() if any(u != user for u in us))
-            self._hold(next(u for u in left if u != user), slot, True)
+            self._hold(next(u for u in left if u != user), slot, exactly=True)
         self.follower.drop_user(user)
         self.slots.drop(user)
         self._forget_made()
@@ -578,3 +614,13 @@ def _levers(users: tuple[User, ...]) -> Array:
     """(k, most, 3) m in body axes: the antennas of each user; the last is the origin, for the antenna -1."""
     most = max(len(user.levers) for user in users)
     return np.array([np.pad(user.levers, ((0, most - len(user.levers)), (0, 0))) for user in users])
+
+
+def _survey(users: tuple[User, ...]) -> Array:
+    """(k, 3) m: where surveyed radios are, about the survey's origin, which is at zero; NaN of all others."""
+    origin = next((u for u, user in enumerate(users) if user.is_survey_origin), None)
+    if origin is None:
+        return np.full((len(users), 3), np.nan)
+    out = survey_of(users, origin)
+    out[origin] = 0.0
+    return out

@@ -20,8 +20,10 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.data.ranging_rate import papers_rate_hz
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State, UserRegistration
+from synchronizar.data.survey import survey_origin
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.reasons import with_reasons
+from synchronizar.errors import InputError
 from synchronizar.estimation.pairwise.solve import LEAST_REDUCED, solve_reduced
 from synchronizar.estimation.register import reference_of
 from synchronizar.geometry import YawFrame
@@ -51,6 +53,8 @@ def register_pairwise(
     """
     began = perf_counter()
     parameters = parameters or Parameters()
+    if survey_origin(recording.users) is not None:
+        raise InputError("--method", "radios were surveyed: the pairwise method composes frames, and takes no survey")
     users, ref = recording.users, reference_of(recording, reference, parameters)
     measured = pair_samples(recording, parameters)
     began_to_solve = perf_counter()

@@ -95,7 +95,7 @@ export class RoomClient extends EventTarget {
 
   /**
    * `server`: its address; `room`: its code; `users`: settings of the devices that this client speaks for
-   * ({name, up, static, height_sigma, antennas}); `resume`: of an earlier connection (`client.resume`), to be the same
+   * ({name, up, static, height_sigma, position, antennas, ...}); `resume`: of an earlier connection (`client.resume`), to be the same
    * devices after a reload: their SLAM began another frame then, unless `sameFrames`. Poses go by WebTransport where
    * browser and server have it, by the WebSocket otherwise. `webTransport: false`: always by the WebSocket.
    */

@@ -39,6 +39,11 @@ class Answer:
         return self.registration.reference or ""
 
     @property
+    def whose_axes(self) -> str:
+        """Whose axes the common frame has."""
+        return self.reference if self.reference in self.registration.users else f"the {self.reference}"
+
+    @property
     def corrects_slam(self) -> bool:
         """Whether the model estimates drift, jumps, scales, biases and clocks."""
         return self.registration.model == "full"

@@ -112,7 +112,7 @@ def _frame_the_map(ax: Axes, answer: Answer) -> float:
     ax.set(
         xlabel="x (m)",
         ylabel="y (m)",
-        title=f"From above, in the common frame: the axes of {short(answer.registration.reference or '')}",
+        title=f"From above, in the common frame: the axes of {short(answer.whose_axes)}",
     )
     ax.grid(color="0.92")
     ax.set_axisbelow(True)
