@@ -165,6 +165,7 @@ def _add_convert(commands: Any, command: Command) -> None:
     said.add_argument("--angle-unit", choices=ANGLE_UNITS, help="of angles, where attitudes are some")
     said.add_argument("--quaternion", choices=("xyzw", "wxyz"), help="order of a quaternion's columns")
     said.add_argument("--stamps", choices=STAMPS, help="a message's own stamp, or when it was logged")
+    said.add_argument("--sigma", action="store_true", help="take the noise that SOURCE says its ranges have")
     said.add_argument("--map", metavar="TOML", type=Path, help="what topics, fields, columns and radios are")
     said.add_argument(
         "--topic",

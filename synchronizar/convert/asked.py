@@ -34,6 +34,8 @@ class Asked:
     """wxyz or xyzw."""
     stamps: str | None = None
     """One of STAMPS."""
+    sigma: bool = False
+    """Whether what the source says of its ranges' noise is taken."""
     map: Path | None = None
     """A TOML file that says what topics, columns and radios are."""
     topics: Sequence[str] = ()

@@ -65,6 +65,7 @@ FORMATS = (
         suffixes=(".mcap",),
         writer_extra=("mcap", "mcap.writer"),
     ),
+    Format("pyfg", "a PyFG factor graph, as CORA has it", "synchronizar.convert.pyfg"),
     Format("euroc", "EuRoC / ASL csv: # timestamp [ns], position, quaternion w x y z", "synchronizar.convert.euroc"),
 )
 """In the order in which a source is recognised: what is surest first."""
