@@ -65,6 +65,7 @@ FORMATS = (
         suffixes=(".mcap",),
         writer_extra=("mcap", "mcap.writer"),
     ),
+    Format("rosbag", "a bag of ROS 1 or ROS 2", "synchronizar.convert.rosbag", reader_extra="ros", lists=True),
     Format("pyfg", "a PyFG factor graph, as CORA has it", "synchronizar.convert.pyfg"),
     Format("euroc", "EuRoC / ASL csv: # timestamp [ns], position, quaternion w x y z", "synchronizar.convert.euroc"),
 )

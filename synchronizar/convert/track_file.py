@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from synchronizar.arrays import Array
 from synchronizar.convert.asked import LENGTH_UNITS, Asked
-from synchronizar.convert.axes import axes_named, turned
+from synchronizar.convert.axes import Turned, axes_named, turned
 from synchronizar.convert.imported import Imported
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
@@ -18,14 +18,23 @@ def add_track(
     Raises InputError where axes were asked for that do not go together.
     """
     user = asked.user or name
+    imported.tracks[user], up = poses_as_asked(rows, asked, world, body)
+    imported.users[user] = User(user, up=up)
+
+
+def add_truth(imported: Imported, name: str, rows: Array, asked: Asked) -> None:
+    """The same for where a device truly was, in a frame that is z up."""
+    imported.truth[asked.user or name] = poses_as_asked(rows, asked, "flu", None).rows
+
+
+def poses_as_asked(rows: Array, asked: Asked, world: str, body: str | None) -> Turned:
+    """Poses in m and in axes that a recording may have."""
     if asked.length_unit not in (None, "m"):
         rows = rows.copy()
         rows[:, 1:4] *= LENGTH_UNITS[asked.length_unit or "m"]
     world = axes_named("--world", asked.world) if asked.world is not None else world
     body = axes_named("--body", asked.body) if asked.body is not None else body
     try:
-        poses, up = turned(rows, world, body)
+        return turned(rows, world, body)
     except ValueError as error:
         raise InputError("--body", str(error)) from error
-    imported.tracks[user] = poses
-    imported.users[user] = User(user, up=up)
