@@ -11,6 +11,7 @@ import numpy as np
 from synchronizar.arrays import Array, Indices
 from synchronizar.convert.asked import Asked
 from synchronizar.convert.imported import Imported
+from synchronizar.convert.stillness import moves
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
@@ -41,11 +42,11 @@ def assemble(place: str, imported: Imported, asked: Asked) -> Assembled:
     usable = {name: _usable(imported, f"{name}'s track", rows) for name, rows in tracks.items()}
     tracks = {name: rows for name, rows in usable.items() if len(rows)}
     truth = {name: _usable(imported, f"{name}'s truth", rows) for name, rows in imported.truth.items()}
-    users = _users(imported, tracks, asked)
+    made = {name: track_of_rows(rows, imported.users.get(name, User(name)).up) for name, rows in tracks.items()}
+    users = _users(imported, made, asked)
     if not users:
         raise InputError(place, "holds neither a pose nor a range that can be used")
     in_order = tuple(users[name] for name in sorted(users))
-    made = {name: track_of_rows(rows, users[name].up) for name, rows in tracks.items()}
     of_users = {name: rows for name, rows in truth.items() if len(rows) and name in users}
     if strangers := sorted(name for name in truth if name not in users):
         imported.note(f"the truth of {listed(strangers)}, with neither a track nor ranges, is left out")
@@ -95,21 +96,42 @@ def _usable(imported: Imported, whose: str, rows: Array) -> Array:
     return rows[good]
 
 
-def _users(imported: Imported, tracks: Mapping[str, Array], asked: Asked) -> dict[str, User]:
+def _users(imported: Imported, tracks: Mapping[str, Track], asked: Asked) -> dict[str, User]:
     """Everybody: who has a track, and who has ranges and none, which can only be a radio that stands still."""
     users = {name: replace(imported.users.get(name, User(name)), static=False) for name in tracks}
-    still = []
+    still, moving = [], []
     for name in sorted({*imported.ranges.a, *imported.ranges.b, *asked.static} - users.keys()):
         known = imported.users.get(name, User(name))
-        users[name] = replace(known, static=True, antennas={})
         if not known.static and name not in asked.static:
+            if moves(_ranges_to(name, imported, tracks)):
+                moving.append(name)
+                continue
             still.append(name)
+        users[name] = replace(known, static=True, antennas={})
     if still:
         imported.note(
-            f"{listed(still)}: ranges and no track, so taken for radios that stand still"
-            " (--without NAME leaves one out that moves)"
+            f"{listed(still)}: ranges and no track, so taken to stand still (--without NAME leaves one out that moves)"
         )
+    if moving:
+        imported.note(
+            f"{listed(moving)}: ranges and no track, and no place in any device's frame explains them: it moves, and is"
+            " left out (--static NAME keeps one that stands still)"
+        )
+        here = imported.ranges
+        kept = [k for k, ends in enumerate(zip(here.a, here.b, strict=True)) if not set(ends) & set(moving)]
+        imported.ranges = here.rows(kept)
     return users
+
+
+def _ranges_to(name: str, imported: Imported, tracks: Mapping[str, Track]) -> dict[str, tuple[Track, Array, Array]]:
+    """Of each device with a track: its track, and t and distance of its ranges to a radio."""
+    found: dict[str, list[int]] = {}
+    ranges = imported.ranges
+    for k, (a, b) in enumerate(zip(ranges.a, ranges.b, strict=True)):
+        if name in (a, b) and (other := b if a == name else a) in tracks:
+            found.setdefault(other, []).append(k)
+    t, distance = np.array(ranges.t), np.array(ranges.distance)
+    return {other: (tracks[other], t[rows], distance[rows]) for other, rows in found.items()}
 
 
 def _ranges(place: str, imported: Imported, users: tuple[User, ...]) -> Ranges:
