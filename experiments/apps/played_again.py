@@ -36,6 +36,7 @@ from synchronizar.apps.treasure.game import THING
 from synchronizar.arrays import Array
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client
+from synchronizar.live.pose_wire import PosesDown
 from synchronizar.live.words_file import Word, read_words
 
 COLOURS = {"#f58a1f": "ball", "#f2b705": "coin"}
@@ -150,7 +151,6 @@ def judged(frames: Sequence[Frame], record: Record, heard: Sequence[tuple[float,
     # Before it is played the room has a time of its own.
     heard = [(wall, t) for wall, t in heard if record.lasts(t)]
     frames = [frame for frame in frames if heard and heard[0][1] <= frame.t <= heard[-1][1]]
-    early = max((t - wall for wall, t in heard), default=float("nan"))
     for frame in frames:
         ball, there = record.ball(frame.t), record.coins(frame.t)
         if ball is not None and frame.balls:
@@ -159,7 +159,7 @@ def judged(frames: Sequence[Frame], record: Record, heard: Sequence[tuple[float,
             continue
         alike.append(len(there) == len(frame.coins))
         coins += [float(np.linalg.norm(there - coin, axis=1).min()) for coin in np.array(frame.coins) if len(there)]
-    behind = [frame.wall + early - frame.t for frame in frames]
+    behind = [float(np.interp(frame.wall, *np.transpose(heard))) - frame.t for frame in frames]
     return {
         "frames": len(frames),
         "frames with a ball that flies or lies": len(balls),
@@ -184,7 +184,7 @@ async def watched(
 
         async def listen() -> None:
             async for word in client.messages():
-                if isinstance(word, m.Frames):
+                if isinstance(word, PosesDown):
                     heard.append((time.time(), word.t))
 
         chromium = await browser.launch(playwright)
@@ -201,7 +201,7 @@ async def watched(
             await asyncio.sleep(0.5)
             new = await browser.told(page, "drawn.splice(0)")
             rows += new
-            if out is not None and not shot and len(heard) > 200 and any(what != "frame" for _, what, *_ in new):
+            if out is not None and not shot and len(heard) > 1200 and any(what != "frame" for _, what, *_ in new):
                 await page.screenshot(path=out / "played_again.png")
                 shot = True
         rows += await browser.told(page, "drawn.splice(0)")

@@ -74,6 +74,7 @@ async def _main(name: str) -> None:
         running.result()
     else:
         running.cancel()
+        await asyncio.wait({running})  # a second cancellation would interrupt its end
 
 
 if __name__ == "__main__":
