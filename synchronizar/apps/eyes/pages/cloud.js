@@ -2,7 +2,8 @@
 
 import { BufferAttribute, BufferGeometry, Color, Group, Points, PointsMaterial } from "../../pages/vendor/three/three.module.min.js";
 
-import { SCAN, ofKind } from "./looks.js";
+import { ofKind } from "../../pages/looks.js";
+import { SCAN } from "./kinds.js";
 import { CELL_M, middles } from "./voxels.js";
 
 /** m, about where phones are held: colours go from that of the floor to that of the ceiling. */
@@ -20,23 +21,20 @@ export class Cloud {
     this.#material = new PointsMaterial({ size: LARGER * CELL_M * scale, vertexColors: true });
   }
 
-  /** Draws what has changed of the room's cubes, and keeps `model` the same. */
-  update(client, model) {
+  /** Draws what has changed of the room's cubes. Who does not show it does not call this. */
+  update(client) {
     const now = new Map(ofKind(client, SCAN).map((object) => [object.id, object]));
-    for (const [id, { data, position, points }] of this.#shown) {
-      const object = now.get(id);
-      if (object?.data === data) continue;
+    for (const [id, { data, points }] of this.#shown) {
+      if (now.get(id)?.data === data) continue;
       this.root.remove(points);
       points.geometry.dispose();
       this.#shown.delete(id);
-      if (!object) model.remove(position);
     }
     for (const [id, { data, position }] of now) {
       if (this.#shown.has(id)) continue;
       const points = new Points(squares(middles(position, data)), this.#material);
       this.root.add(points);
-      model.set(position, data);
-      this.#shown.set(id, { data, position, points });
+      this.#shown.set(id, { data, points });
     }
   }
 
@@ -44,6 +42,11 @@ export class Cloud {
     for (const { points } of this.#shown.values()) points.geometry.dispose();
     this.#material.dispose();
   }
+}
+
+/** Points (m) by themselves, in a material of their own. */
+export function drawn(places) {
+  return new Points(squares(places), new PointsMaterial({ size: CELL_M / 2, vertexColors: true }));
 }
 
 function squares(places) {
