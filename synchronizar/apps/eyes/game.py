@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any
+from typing import Any, TypeGuard
 
 from synchronizar.apps.eyes.scan import FLOOR, MARK, SCAN, Cube, cells_of, cubes_of
 from synchronizar.apps.looks import LOOK, Looks
@@ -76,7 +76,7 @@ class Eyes(Application):
         stage.create(f"mark {number}", MARK, (x, y, z), data={"by": by})
 
 
-def _finite(v: Any) -> bool:
+def _finite(v: Any) -> TypeGuard[float]:
     return isinstance(v, int | float) and isfinite(v) and abs(v) < FARTHEST_M
 
 
