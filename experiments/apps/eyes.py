@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import base64
 import json
 import struct
 import time
@@ -87,6 +88,13 @@ ON_SCREEN = """(() => {
   const distance = Math.hypot(dx, dz);
   return distance > 0.8 && distance < 3 && (dx * fx + dz * fz) / distance > 0.97;
 })()"""
+CHOOSE = """(text) => {
+  const chosen = new DataTransfer();
+  chosen.items.add(new File([Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0))], "shelf.glb"));
+  const input = document.querySelector("#eyes-file");
+  input.files = chosen.files;
+  input.dispatchEvent(new Event("change"));
+}"""
 PRESS = "(text) => [...document.querySelectorAll('#app button')].find((b) => b.textContent === text)?.click()"
 
 
@@ -238,7 +246,7 @@ async def visit(simulation: Simulation, out: Path | None) -> dict[str, Any]:
 
 async def put_shelf(room: Any, result: dict[str, Any]) -> list[Cube]:
     """As one does at the room's page: what that adds to the model."""
-    await room.set_input_files("#eyes-file", {"name": "shelf.glb", "mimeType": "model/gltf-binary", "buffer": shelf()})
+    await room.evaluate(CHOOSE, base64.b64encode(shelf()).decode())
     await browser.until(room, "document.querySelector('#app [role=status]').textContent.includes('where you look')")
     await room.evaluate(PRESS, "Put it down here")
     await browser.until(room, "document.querySelector('#app [role=status]').textContent.includes('is in the room')")
