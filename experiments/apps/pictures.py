@@ -24,11 +24,11 @@ from experiments.live import browser
 if TYPE_CHECKING:
     from playwright.async_api import Page
 
-SCREEN = (390, 844)
+SCREEN, ROOM = (390, 844), (1200, 900)
 FILMED_S, SHOWN_S = 25.0, 7.0
 """s: so long the phone's page is filmed, and so long the best piece of that is."""
-MOMENT_S = 25.0
-"""s: so long a moment is waited for that is worth a picture."""
+MOMENT_S = 45.0
+"""s: so long a moment is waited for that is worth a picture; else it is the best one of the film."""
 FRAMES, WIDTH = 28, 260
 """Of the moving pictures; px."""
 
@@ -115,16 +115,18 @@ async def look(game: Game, out: Path) -> None:
         for page in (phone, room):
             await page.evaluate(ASK, "robot")
     film = await filmed(phone, FILMED_S)
-    seen = await phone.evaluate("seen")
+    seen: list[tuple[float, float]] = await phone.evaluate("seen")
     await room.evaluate("document.querySelector('#app').scrollIntoView({ block: 'nearest' })")
     await room.screenshot(path=out / f"{game.app}_room.png")
     save(best_of(film, seen), out / f"{game.app}.webp")
+    best = max(seen, key=lambda row: row[1])[0]
+    min(film, key=lambda shot: abs(shot[0] - best))[1].save(out / f"{game.app}_phone.png")
     for least in WORTH[game.app]:
         await phone.evaluate("(least) => (globalThis.stop = least)", least)
         with suppress(TimeoutError):
             await browser.until(phone, "globalThis.stopped", MOMENT_S / len(WORTH[game.app]))
-            break
-    await phone.screenshot(path=out / f"{game.app}_phone.png")
+            await phone.screenshot(path=out / f"{game.app}_phone.png")
+            return
 
 
 async def filmed(page: Page, seconds: float) -> list[tuple[float, Image.Image]]:
@@ -176,7 +178,7 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     for app in options.apps:
-        run(app, options.seconds, options.seed, lambda game: look(game, options.out), size=SCREEN)
+        run(app, options.seconds, options.seed, lambda game: look(game, options.out), size=SCREEN, room_size=ROOM)
         print(*(f"{file} {file.stat().st_size}" for file in sorted(options.out.glob(f"{app}*"))), sep="\n")
 
 

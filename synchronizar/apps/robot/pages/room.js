@@ -16,7 +16,7 @@ export function begin({ client, panel }) {
   stop.addEventListener("click", () => client.say("stay", {}, "app"));
   const [seen, gallery] = [element("ul", { class: "app-list" }), new Gallery()];
   const views = element("div", { class: "app-views" });
-  panel.append(element("h2", { text: "Robots" }), none, list, stop, element("h2", { text: "What they see" }), seen, views);
+  panel.append(element("h2", { text: "Robots" }), none, list, stop, element("h2", { text: "What they see" }), views, seen);
   const now = () => performance.now() / 1000;
   client.addEventListener("said", ({ detail: { topic, data, by } }) => topic === "eye" && gallery.hear(by, data, now()));
 
