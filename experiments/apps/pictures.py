@@ -1,7 +1,8 @@
 """Pictures of each application, as people see them: a phone's page, the room's page, and some seconds of the phone's.
 
-`python -m experiments.apps.pictures [--apps catch treasure robot] [--seconds 60] [--out build/apps]`: the games of
-`experiments.apps.in_browsers`, with screens of a phone's size. The ones in docs/apps/ are these.
+`python -m experiments.apps.pictures [--apps catch treasure robot] [--seconds 120] [--out build/apps]`: three programs
+walk and play, beside a phone that is emulated in a browser, whose bearer looks where something happens. With `robot` a
+simulated one drives among them. The ones in docs/apps/ are these.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import argparse
 import asyncio
 import base64
 import io
+import time
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -18,12 +20,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from experiments.apps.in_browsers import APPS, LATE, PHONES, Game, run
 from experiments.live import browser
+from experiments.live.screenshots import NAMES, renamed
+from experiments.live.walkers import server, walk
+from synchronizar.apps.catch.game import BALL
+from synchronizar.apps.robot.__main__ import SETTINGS
+from synchronizar.apps.robot.body import SimulatedBody
+from synchronizar.apps.robot.client import RobotClient
+from synchronizar.apps.robot.drive import Drive, Ground, Twist
+from synchronizar.live import messages as m
+from synchronizar.live.client import Client
+from synchronizar.live.stage import Stage
+from synchronizar.simulation.scene import Scene
+from synchronizar.simulation.simulate import Simulation, simulate
 
 if TYPE_CHECKING:
     from playwright.async_api import Page
 
+APPS = ("catch", "treasure", "robot")
+PEOPLE, PHONE, ROBOT = ("Anna", "Ben", "Cleo"), "Dilip", "robot"
+IDS = {name: id_ for id_, name in NAMES.items()}
 SCREEN, ROOM = (390, 844), (1200, 900)
 FILMED_S, SHOWN_S = 25.0, 7.0
 """s: so long the phone's page is filmed, and so long the best piece of that is."""
@@ -31,9 +47,15 @@ MOMENT_S = 45.0
 """s: so long a moment is waited for that is worth a picture; else it is the best one of the film."""
 FRAMES, WIDTH = 28, 260
 """Of the moving pictures; px."""
+HELD_S, PUT_EVERY_S = 1.5, 3.0
+MOST_PUT = 4
+RANGED_EVERY_S, RANGE_M = 0.1, 0.05
+"""The robot's ranges: s, and m of noise."""
+STARTS, OPERATOR = Ground(2.0, 2.0, -2.4), Twist(0.35, 0.45)
+"""Of the robot, and how somebody drives it until it is registered."""
+CLICK = """(words) => [...document.querySelectorAll("#app button")]
+  .find((button) => button.textContent === words && button.offsetParent !== null)?.click()"""
 
-# Whoever holds the phone looks where something happens: at the ball, at things that lie about, at the robot. Notes with
-# each frame how much there is to see, and stops in a moment that is worth a picture, once it is asked for.
 LOOKS = """([what, name]) => {
   const { app, avatars, client, frame, stage } = synchronizar;
   const walks = phone.place;
@@ -99,33 +121,136 @@ LOOKS = """([what, name]) => {
     globalThis.stopped = told;
   };
 }"""
-# From how much there is to see on, by application: with less than all of it in the end.
-WORTH = {"catch": (4, 3, 1), "treasure": (4, 3, 1), "robot": (4, 3, 1)}
+# From how much there is to see on: with less than all of it in the end.
+WORTH = (4, 3, 1)
 ASK = "(whom) => synchronizar.client.say('ask', { whom }, 'app')"
 
 
-async def look(game: Game, out: Path) -> None:
-    """From when all are in place: a moving picture of the phone's page, a moment of it, and the room's page."""
-    phone, room = game.pages[PHONES[0]], game.room
-    assert room is not None
-    await phone.evaluate(LOOKS, [game.app, PHONES[0]])
-    while f"{LATE} registered" not in game.events:
-        await asyncio.sleep(0.2)
-    if game.app == "robot":
-        for page in (phone, room):
-            await page.evaluate(ASK, "robot")
+async def person(address: str, simulation: Simulation, name: str, app: str, began: float) -> None:
+    """A program that walks and plays: it throws the ball to the others in turn, or puts things down."""
+    acted, done = time.time(), 0
+    async with await Client.join(address, [name]) as client:
+        walking = asyncio.create_task(walk(client, renamed(simulation.recording), [name], began, heard=True))
+        stage = Stage(client.welcome)
+        try:
+            async for word in client.messages():
+                stage.hear(word)
+                others = [player for other, player in sorted(stage.players.items()) if other != name]
+                ball = stage.objects.get(BALL)
+                holds = ball is not None and ball.data == {"phase": "held", "by": name}
+                if name not in stage.players or not (holds or app == "treasure"):
+                    acted = time.time()
+                elif app == "catch" and others and time.time() - acted > HELD_S:
+                    acted, done = time.time(), done + 1
+                    (x, y, _), (ox, oy, _) = stage.players[name].position, others[done % len(others)].position
+                    await client.say_message(m.Say("throw", {"velocity": [ox - x, oy - y, 1.2]}, m.APP))
+                elif app == "treasure" and done < MOST_PUT and time.time() - acted > PUT_EVERY_S:
+                    acted, done = time.time(), done + 1
+                    what = ("coin", "coin", "rusted", "obstacle")[done % 4]
+                    await client.say_message(m.Say("put", {"what": what}, m.APP))
+        finally:
+            walking.cancel()
+
+
+async def robot(address: str, simulation: Simulation, began: float) -> None:
+    """It ranges with everybody, is driven by hand until it is registered, and then does what it is told."""
+    noise = np.random.default_rng(7)
+    drive = Drive(STARTS, 7)
+    body = SimulatedBody(drive)
+    async with await Client.join(address, {ROBOT: SETTINGS}) as client:
+        runs = RobotClient(client, ROBOT, body)
+        running = asyncio.create_task(runs.run())
+        try:
+            while True:
+                await asyncio.sleep(RANGED_EVERY_S)
+                told = client.frames.users.get(ROBOT)
+                if runs.asked is None:
+                    await body.command(OPERATOR if told is None or told.state != "registered" else Twist(0.0, 0.0))
+                body.odometry()
+                now, at = time.time(), np.array([drive.truth.x, drive.truth.y, 0.0])
+                ranges = []
+                for name in {*PEOPLE, PHONE} & client.members.keys() if now > began else ():
+                    truth = simulation.truth[IDS[name]]
+                    there = np.array([np.interp(now - began, truth.t, axis) for axis in truth.position.T])
+                    distance = float(np.linalg.norm(there - at) + noise.normal(0.0, RANGE_M))
+                    ranges.append(m.MeasuredRange(now, ROBOT, name, distance))
+                await client.send_ranges(ranges)
+        finally:
+            running.cancel()
+
+
+async def orders(phone: Page) -> None:
+    """Whoever holds the phone is mirrored, as soon as the robot is there, and anew where it was told to stay."""
+    while True:
+        await asyncio.sleep(2.0)
+        if not await phone.evaluate("synchronizar.client.objects.get('robot order robot')?.data.mirror"):
+            await phone.evaluate(CLICK, "Mirror me")
+
+
+async def throws(phone: Page) -> None:
+    """Whoever holds the phone throws the ball on."""
+    while True:
+        await asyncio.sleep(HELD_S)
+        await phone.evaluate("() => { synchronizar.app.select.start(); synchronizar.app.select.end(); }")
+
+
+async def take(app: str, simulation: Simulation, out: Path) -> None:
+    """Walk and play, and take the pictures."""
+    from playwright.async_api import async_playwright
+
+    with server("--app", app) as where:
+        async with async_playwright() as playwright:
+            chromium = await browser.launch(playwright)
+            room = await (await browser.context(chromium, *ROOM)).new_page()
+            await room.goto(f"{where['url']}/room#{where['room']}")
+            began = time.time() + 0.5
+            running = [person(where["join"], simulation, name, app, began) for name in PEOPLE]
+            if app == "robot":
+                running.append(robot(where["join"], simulation, began))
+            tasks = [asyncio.create_task(one) for one in running]
+            phone = await (await browser.context(chromium, *SCREEN, phone=True)).new_page()
+            track = renamed(simulation.recording).tracks[PHONE]
+            await browser.walk_in(phone, where["url"], where["room"], PHONE, track, began)
+            await browser.until(phone, "globalThis.synchronizar?.app")
+            await phone.evaluate(LOOKS, [app, PHONE])
+            if app in ("robot", "catch"):
+                tasks.append(asyncio.create_task(orders(phone) if app == "robot" else throws(phone)))
+            await browser.until(phone, BEGUN[app], simulation.scene.seconds)
+            if app == "robot":
+                for page in (phone, room):
+                    await page.evaluate(ASK, ROBOT)
+                await asyncio.sleep(2.0)
+            await look(app, phone, room, out)
+            for task in tasks:
+                if task.done():
+                    task.result()
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            await chromium.close()
+
+
+# On the phone's page: whether all is there of which pictures are taken.
+BEGUN = {
+    "catch": "synchronizar.frame.registered && synchronizar.client.objects.get('catch score')?.data.rally > 0",
+    "treasure": "synchronizar.frame.registered && Object.keys(synchronizar.app.places).length > 8",
+    "robot": "synchronizar.frame.registered && synchronizar.client.objects.get('robot order robot')?.data.mirror",
+}
+
+
+async def look(app: str, phone: Page, room: Page, out: Path) -> None:
+    """A moving picture of the phone's page, the room's page, and a moment of the phone's."""
     film = await filmed(phone, FILMED_S)
     seen: list[tuple[float, float]] = await phone.evaluate("seen")
     await room.evaluate("document.querySelector('#app').scrollIntoView({ block: 'nearest' })")
-    await room.screenshot(path=out / f"{game.app}_room.png")
-    save(best_of(film, seen), out / f"{game.app}.webp")
+    await room.screenshot(path=out / f"{app}_room.png")
+    save(best_of(film, seen), out / f"{app}.webp")
     best = max(seen, key=lambda row: row[1])[0]
-    min(film, key=lambda shot: abs(shot[0] - best))[1].save(out / f"{game.app}_phone.png")
-    for least in WORTH[game.app]:
+    min(film, key=lambda shot: abs(shot[0] - best))[1].save(out / f"{app}_phone.png")
+    for least in WORTH:
         await phone.evaluate("(least) => (globalThis.stop = least)", least)
         with suppress(TimeoutError):
-            await browser.until(phone, "globalThis.stopped", MOMENT_S / len(WORTH[game.app]))
-            await phone.screenshot(path=out / f"{game.app}_phone.png")
+            await browser.until(phone, "globalThis.stopped", MOMENT_S / len(WORTH))
+            await phone.screenshot(path=out / f"{app}_phone.png")
             return
 
 
@@ -172,13 +297,16 @@ def main() -> None:
     """Take them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--apps", nargs="+", choices=APPS, default=APPS)
-    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("build/apps"))
     options = parser.parse_args()
+    if reason := browser.why_not():
+        raise SystemExit(reason)
     options.out.mkdir(parents=True, exist_ok=True)
     for app in options.apps:
-        run(app, options.seconds, options.seed, lambda game: look(game, options.out), size=SCREEN, room_size=ROOM)
+        scene = Scene(users=len(PEOPLE) + 1, seconds=options.seconds + 120.0, seed=options.seed, speed=0.5, area=5.0)
+        asyncio.run(take(app, simulate(scene), options.out))
         print(*(f"{file} {file.stat().st_size}" for file in sorted(options.out.glob(f"{app}*"))), sep="\n")
 
 
