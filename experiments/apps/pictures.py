@@ -28,6 +28,7 @@ from synchronizar.apps.robot.__main__ import SETTINGS
 from synchronizar.apps.robot.body import SimulatedBody
 from synchronizar.apps.robot.client import RobotClient
 from synchronizar.apps.robot.drive import Drive, Ground, Twist
+from synchronizar.geometry import wrap_angle
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client
 from synchronizar.live.stage import Stage
@@ -152,8 +153,8 @@ async def person(address: str, simulation: Simulation, name: str, app: str, bega
             walking.cancel()
 
 
-async def robot(address: str, simulation: Simulation, began: float) -> None:
-    """It ranges with everybody, is driven by hand until it is registered, and then does what it is told."""
+async def robot(address: str, simulation: Simulation, began: float, sees: asyncio.Event) -> None:
+    """It ranges with everybody, and does as it is told once it is registered. `sees`: while somebody is before it."""
     noise = np.random.default_rng(7)
     drive = Drive(STARTS, 7)
     body = SimulatedBody(drive)
@@ -166,6 +167,10 @@ async def robot(address: str, simulation: Simulation, began: float) -> None:
                 told = client.frames.users.get(ROBOT)
                 if runs.asked is None:
                     await body.command(OPERATOR if told is None or told.state != "registered" else Twist(0.0, 0.0))
+                if runs.at is not None and any(before(runs.at, place) for place in runs.pilot.places.values()):
+                    sees.set()
+                else:
+                    sees.clear()
                 body.odometry()
                 now, at = time.time(), np.array([drive.truth.x, drive.truth.y, 0.0])
                 ranges = []
@@ -177,6 +182,12 @@ async def robot(address: str, simulation: Simulation, began: float) -> None:
                 await client.send_ranges(ranges)
         finally:
             running.cancel()
+
+
+def before(at: Ground, place: tuple[float, float]) -> bool:
+    """Whether somebody there is well seen by a robot."""
+    dx, dy = place[0] - at.x, place[1] - at.y
+    return 1.2 < np.hypot(dx, dy) < 4.5 and abs(wrap_angle(np.arctan2(dy, dx) - at.heading)) < 0.4
 
 
 async def orders(phone: Page) -> None:
@@ -198,6 +209,7 @@ async def take(app: str, simulation: Simulation, out: Path) -> None:
     """Walk and play, and take the pictures."""
     from playwright.async_api import async_playwright
 
+    sees = asyncio.Event()
     with server("--app", app) as where:
         async with async_playwright() as playwright:
             chromium = await browser.launch(playwright)
@@ -206,7 +218,7 @@ async def take(app: str, simulation: Simulation, out: Path) -> None:
             began = time.time() + 0.5
             running = [person(where["join"], simulation, name, app, began) for name in PEOPLE]
             if app == "robot":
-                running.append(robot(where["join"], simulation, began))
+                running.append(robot(where["join"], simulation, began, sees))
             tasks = [asyncio.create_task(one) for one in running]
             phone = await (await browser.context(chromium, *SCREEN, phone=True)).new_page()
             track = renamed(simulation.recording).tracks[PHONE]
@@ -219,8 +231,14 @@ async def take(app: str, simulation: Simulation, out: Path) -> None:
             if app == "robot":
                 for page in (phone, room):
                     await page.evaluate(ASK, ROBOT)
-                await asyncio.sleep(2.0)
-            await look(app, phone, room, out)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(sees.wait(), MOMENT_S)
+                await asyncio.sleep(1.0)
+            await room.evaluate("document.querySelector('#app').scrollIntoView({ block: 'nearest' })")
+            await room.screenshot(path=out / f"{app}_room.png")
+            # Two pages are more than a busy machine draws well.
+            await room.close()
+            await look(app, phone, out)
             for task in tasks:
                 if task.done():
                     task.result()
@@ -237,12 +255,10 @@ BEGUN = {
 }
 
 
-async def look(app: str, phone: Page, room: Page, out: Path) -> None:
-    """A moving picture of the phone's page, the room's page, and a moment of the phone's."""
+async def look(app: str, phone: Page, out: Path) -> None:
+    """A moving picture of the phone's page, and a moment of it."""
     film = await filmed(phone, FILMED_S)
     seen: list[tuple[float, float]] = await phone.evaluate("seen")
-    await room.evaluate("document.querySelector('#app').scrollIntoView({ block: 'nearest' })")
-    await room.screenshot(path=out / f"{app}_room.png")
     save(best_of(film, seen), out / f"{app}.webp")
     best = max(seen, key=lambda row: row[1])[0]
     min(film, key=lambda shot: abs(shot[0] - best))[1].save(out / f"{app}_phone.png")
