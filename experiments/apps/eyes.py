@@ -205,14 +205,15 @@ async def visit(simulation: Simulation, out: Path | None) -> dict[str, Any]:
             chromium = await browser.launch(playwright)
             room = await (await browser.context(chromium, 1200, 900)).new_page()
             await room.goto(f"{where['url']}/room#{where['room']}")
+            phone = await (await browser.context(chromium, 390, 844, phone=True)).new_page()
+            await browser.arrive(phone, where["url"], where["room"], PHONE)
             result["began"] = began = time.time() + 0.5
             tasks = [
                 asyncio.create_task(native(where["join"], simulation, name, began, result))
                 for name in ("Anna", "Ben", "Cleo")
             ]
-            phone = await (await browser.context(chromium, 390, 780, phone=True)).new_page()
             heard = browser.complaints(phone), browser.complaints(room)
-            await browser.walk_in(phone, where["url"], where["room"], PHONE, track, began)
+            await browser.start(phone, track, began)
             await phone.evaluate(LOG)
             await browser.until(phone, "synchronizar.frame.registered", seconds)
             await phone.evaluate("synchronizar.client.say('ask', { whom: 'Ben' }, 'app')")

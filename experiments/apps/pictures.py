@@ -64,12 +64,16 @@ LOOKS = """([what, name]) => {
   globalThis.stop = Infinity;
   const data = () => client.objects.get("catch ball")?.data;
   const others = () => Object.entries(avatars.places).filter(([, { state }]) => state === "registered");
+  const heads = () => others().filter(([other]) => other !== "robot").map(([, { position }]) => position);
+  const alone = (p) => Number(heads().every((q) => Math.hypot(...p.map((v, i) => v - q[i])) > 0.6));
   const device = ([a, b, c]) => {
     const m = stage.common.matrix.elements;
     return [0, 1, 2].map((i) => m[i] * a + m[4 + i] * b + m[8 + i] * c + m[12 + i]);
   };
   const things = () => {
-    if (what === "catch") return app.at && data()?.by !== name ? [app.at] : [];
+    // Who has the ball looks at somebody to throw it to.
+    if (what === "catch" && data()?.by === name && data().phase === "held") return heads();
+    if (what === "catch") return app.at ? [app.at] : [];
     if (what === "robot") return avatars.places.robot ? [avatars.places.robot.position] : [];
     return Object.values(app.places);
   };
@@ -102,9 +106,9 @@ LOOKS = """([what, name]) => {
   const worth = () => {
     if (!frame.registered || frame.opacity < 1 || !last) return 0;
     const mine = Math.min(3, shown(things()));
-    const heads = others().filter(([other]) => other !== "robot").map(([, { position }]) => position);
-    const people = Math.min(1, shown(heads));
-    if (what === "catch") return data()?.phase === "flies" && mine ? 3 + people : data()?.phase === "held" ? mine : 0;
+    const people = Math.min(1, shown(heads()));
+    if (what === "catch" && data()?.phase === "flies") return mine ? 2 + people + alone(app.at) : 0;
+    if (what === "catch") return data()?.phase === "held" ? mine : 0;
     if (what === "robot") return mine ? mine + 2 * shown(Object.values(app.places)) + people : 0;
     return mine + people;
   };
@@ -215,14 +219,14 @@ async def take(app: str, simulation: Simulation, out: Path) -> None:
             chromium = await browser.launch(playwright)
             room = await (await browser.context(chromium, *ROOM)).new_page()
             await room.goto(f"{where['url']}/room#{where['room']}")
+            phone = await (await browser.context(chromium, *SCREEN, phone=True)).new_page()
+            await browser.arrive(phone, where["url"], where["room"], PHONE)
             began = time.time() + 0.5
             running = [person(where["join"], simulation, name, app, began) for name in PEOPLE]
             if app == "robot":
                 running.append(robot(where["join"], simulation, began, sees))
             tasks = [asyncio.create_task(one) for one in running]
-            phone = await (await browser.context(chromium, *SCREEN, phone=True)).new_page()
-            track = renamed(simulation.recording).tracks[PHONE]
-            await browser.walk_in(phone, where["url"], where["room"], PHONE, track, began)
+            await browser.start(phone, renamed(simulation.recording).tracks[PHONE], began)
             await browser.until(phone, "globalThis.synchronizar?.app")
             await phone.evaluate(LOOKS, [app, PHONE])
             if app in ("robot", "catch"):
