@@ -11,6 +11,7 @@ import argparse
 import asyncio
 import base64
 import io
+import tempfile
 import time
 from contextlib import suppress
 from itertools import pairwise
@@ -75,7 +76,8 @@ LOOKS = """([what, name]) => {
     if (what === "catch" && data()?.by === name && data().phase === "held") return heads();
     if (what === "catch") return app.at ? [app.at] : [];
     if (what === "robot") return avatars.places.robot ? [avatars.places.robot.position] : [];
-    return Object.values(app.places);
+    const coins = Object.entries(app.places).filter(([id]) => client.objects.get(id)?.data.what === "coin");
+    return coins.map(([, place]) => place);
   };
   let [yaw, pitch, at, last] = [null, 0, 0, null];
   phone.place = (t) => {
@@ -103,6 +105,12 @@ LOOKS = """([what, name]) => {
     return Math.hypot(Math.atan2(Math.sin(off), Math.cos(off)), 0.5 * above);
   };
   const shown = (places) => places.map(aside).filter((off) => off !== null && off < 0.22).length;
+  /** Whether something stands in the way. */
+  const hidden = () =>
+    [...Object.values(app.places ?? {}), ...heads()].map(device).some((p) => {
+      const [ahead, way] = [last.map((v, i) => p[i] - v), [-Math.sin(yaw), -Math.cos(yaw)]];
+      return Math.hypot(ahead[0], ahead[2]) < 1.3 && ahead[0] * way[0] + ahead[2] * way[1] > 0;
+    });
   const worth = () => {
     if (!frame.registered || frame.opacity < 1 || !last) return 0;
     const mine = Math.min(3, shown(things()));
@@ -110,7 +118,7 @@ LOOKS = """([what, name]) => {
     if (what === "catch" && data()?.phase === "flies") return mine ? 2 + people + alone(app.at) : 0;
     if (what === "catch") return data()?.phase === "held" ? mine : 0;
     if (what === "robot") return mine ? mine + 2 * shown(Object.values(app.places)) + people : 0;
-    return mine + people;
+    return hidden() ? 0 : mine + people;
   };
   const update = app.update;
   app.update = (...args) => {
@@ -214,7 +222,8 @@ async def take(app: str, simulation: Simulation, out: Path) -> None:
     from playwright.async_api import async_playwright
 
     sees = asyncio.Event()
-    with server("--app", app) as where:
+    # A game of another day is none of this one.
+    with tempfile.TemporaryDirectory() as folder, server("--app", app, "--record", folder) as where:
         async with async_playwright() as playwright:
             chromium = await browser.launch(playwright)
             room = await (await browser.context(chromium, *ROOM)).new_page()
