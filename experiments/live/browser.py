@@ -75,7 +75,7 @@ _PHONE = """
     if (!phone.table) return;
     // Not the frame's own time: the emulator stamps its frames when they are called.
     const now = (performance.timeOrigin + performance.now()) / 1000;
-    const [x, y, z, qx, qy, qz, qw] = place(now - phone.began);
+    const [x, y, z, qx, qy, qz, qw] = phone.place(now - phone.began);
     // A hand trembles: poses that repeat to the last bit are those of a SLAM that has stopped.
     const tremor = [1.3, 1.7, 2.3].map((hertz) => 0.0005 * Math.sin(2 * Math.PI * hertz * now));
     device.position.set(x + tremor[0], y + tremor[1], z + tremor[2]);

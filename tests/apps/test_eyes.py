@@ -6,11 +6,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from synchronizar.apps.eyes.game import MARK, MOST_MARKS, REFUSED_S, SCAN, WAITS_S, Eyes
-from synchronizar.apps.eyes.scan import CELL_M, MOST_SEEN, SIDE, Cube, cells_of, cubes_of, middles, seen
+from synchronizar.apps.eyes.game import MOST_MARKS, Eyes
+from synchronizar.apps.eyes.scan import (
+    AGAIN_S,
+    CELL_M,
+    FLOOR,
+    MARK,
+    MOST_SEEN,
+    SCAN,
+    SIDE,
+    Cube,
+    Sightings,
+    cells_of,
+    cubes_of,
+    middles,
+    seen,
+)
+from synchronizar.apps.looks import LOOK, REFUSED_S, WAITS_S
 from synchronizar.live import messages as m
 from synchronizar.live.app_run import hear
 from synchronizar.live.pose_wire import PoseDown, PosesDown
@@ -45,7 +60,7 @@ class Room:
 
     @property
     def looks(self) -> list[tuple[str, str, str]]:
-        found = [o.data for o in self.stage.objects.values() if o.kind == "eyes look"]
+        found = [o.data for o in self.stage.objects.values() if o.kind == LOOK]
         return sorted((data["who"], data["whom"], data["state"]) for data in found)
 
     def of(self, kind: str) -> list[m.Object]:
@@ -119,11 +134,37 @@ def test_what_several_have_seen_is_one_model() -> None:
     np.testing.assert_allclose(np.unique(cells, axis=0), (expected + 0.5) * CELL_M, atol=1e-9)
 
 
-def test_who_is_not_in_place_adds_nothing_to_the_model() -> None:
+def test_who_is_not_in_place_adds_nothing_to_the_model_and_the_rooms_page_does() -> None:
     room = Room()
-    for by in ("", "dan"):
-        room.say(by, "seen", seen(np.zeros((1, 3)))[0])
+    room.say("dan", "seen", seen(np.zeros((1, 3)))[0])
     assert not room.of(SCAN)
+    room.say("", "seen", seen(np.zeros((1, 3)))[0])
+    assert len(room.of(SCAN)) == 1
+    room.say("", "forget", None)
+    assert not room.of(SCAN)
+
+
+def test_the_floor_is_where_who_saw_it_first_has_it() -> None:
+    room = Room()
+    for by, z in (("", -1.0), ("dan", -1.0), ("ann", None), ("ann", float("nan")), ("ann", -1.31), ("ben", -1.5)):
+        room.say(by, "floor", {"z": z})
+    assert [o.position for o in room.of(FLOOR)] == [(0.0, 0.0, -1.31)]
+    room.say("ann", "forget", None)
+    room.say("ben", "floor", {"z": -1.5})
+    assert [o.position for o in room.of(FLOOR)] == [(0.0, 0.0, -1.5)]
+
+
+def test_a_program_tells_once_what_it_has_seen_in_two_different_seconds() -> None:
+    sightings, wall, person = Sightings(), np.array([[1.0, 0.0, 0.0]]), np.array([[0.5, 0.0, 0.0]])
+    sightings.add(np.concatenate([wall, person]), 10.0)
+    sightings.add(wall, 10.0 + 0.9 * AGAIN_S)
+    assert sightings.take() == []
+    sightings.add(wall, 10.0 + 1.1 * AGAIN_S)
+    (data,) = sightings.take()
+    (cube,) = cubes_of(data)
+    np.testing.assert_allclose(middles(cube), (np.floor(wall / CELL_M) + 0.5) * CELL_M)
+    sightings.add(wall, 20.0)
+    assert sightings.take() == []
 
 
 @pytest.mark.parametrize(
@@ -135,10 +176,11 @@ def test_a_malformed_sight_is_left_alone(data: object) -> None:
     assert not room.of(SCAN)
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(*[st.floats(-20.0, 20.0)] * 3), min_size=1, max_size=60))
 def test_points_come_back_as_the_cells_that_they_are_in(points: list[tuple[float, float, float]]) -> None:
     told = seen(np.array(points))
-    assert all(len(data) <= MOST_SEEN for data in told)
+    assert all(len(data) <= MOST_SEEN and not m.data_too_large(data) for data in told)
     cubes = [cube for data in told for cube in cubes_of(data)]
     cells = np.concatenate([middles(cube) for cube in cubes])
     expected = np.unique(np.floor(np.array(points) / CELL_M), axis=0)
@@ -148,6 +190,11 @@ def test_points_come_back_as_the_cells_that_they_are_in(points: list[tuple[float
         assert not m.data_too_large(cube.text)
         inside = middles(cube) - cube.corner
         assert ((inside > 0.0) & (inside < SIDE * CELL_M)).all()
+
+
+def test_as_many_full_cubes_as_a_word_has_fit_into_one() -> None:
+    full = Cube((-99, -99, -99), (1 << SIDE**3) - 1)
+    assert not m.data_too_large([[*full.at, full.text]] * MOST_SEEN)
 
 
 def test_a_mark_stands_where_it_was_put_and_the_oldest_go_first() -> None:

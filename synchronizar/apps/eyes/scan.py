@@ -14,13 +14,17 @@ import numpy as np
 
 from synchronizar.arrays import Array
 
+SCAN, MARK, FLOOR = "eyes scan", "eyes mark", "eyes floor"
+"""Kinds of objects; the floor's one object has that name as its id."""
 CELL_M = 0.08
 SIDE = 16
 BYTES = SIDE**3 // 8
 FARTHEST = 100
 """Cubes from the origin: 128 m."""
-MOST_SEEN = 40
-"""Cubes in one word."""
+MOST_SEEN = 11
+"""Cubes in one word, which has 8 kB at most."""
+AGAIN_S = 1.0
+"""s: a cell counts that was seen in two of these; what walks through is not there in both."""
 
 
 class Cube(NamedTuple):
@@ -73,8 +77,30 @@ def cubes_of(data: Any) -> list[Cube]:
     return cubes
 
 
+class Sightings:
+    """What a program's sensor sees, a robot's lidar say, until it is told: each cell once."""
+
+    def __init__(self) -> None:
+        self._seen: dict[tuple[int, int, int], float] = {}
+        """Of each cell of when it was first seen (s), infinite once it was seen again."""
+        self._new: list[tuple[int, int, int]] = []
+
+    def add(self, points: Array, t: float) -> None:
+        """Points (n, 3) m of surfaces, in the common frame and from the room's floor, seen at `t` (s)."""
+        for x, y, z in np.unique(np.floor(points / CELL_M).astype(int), axis=0).tolist():
+            cell = (x, y, z)
+            if t - self._seen.setdefault(cell, t) >= AGAIN_S:
+                self._seen[cell] = float("inf")
+                self._new.append(cell)
+
+    def take(self) -> list[list[list[Any]]]:
+        """The data of words `seen`: what was not told yet."""
+        new, self._new = self._new, []
+        return seen((np.array(new) + 0.5) * CELL_M) if new else []
+
+
 def seen(points: Array) -> list[list[list[Any]]]:
-    """The data of words `seen` for points (n, 3) m of surfaces in the common frame: of a robot's lidar, say."""
+    """The data of words `seen` for points (n, 3) m of surfaces in the common frame."""
     cell = np.unique(np.floor(points / CELL_M).astype(int), axis=0)
     cube, within = np.floor_divide(cell, SIDE), np.mod(cell, SIDE)
     bit = within @ np.array([1, SIDE, SIDE**2])

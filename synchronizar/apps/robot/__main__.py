@@ -7,7 +7,7 @@ import asyncio
 import sys
 from contextlib import suppress
 
-from synchronizar.apps.robot.body import RosbridgeBody
+from synchronizar.apps.robot.body import EYES_TOPIC, RosbridgeBody
 from synchronizar.apps.robot.client import RobotClient
 from synchronizar.errors import InputError
 from synchronizar.live.client import Client
@@ -17,11 +17,11 @@ SETTINGS = {"height_sigma": 1.0}
 
 
 async def _run(options: argparse.Namespace) -> None:
-    body = await RosbridgeBody.connect(options.rosbridge, options.odometry, options.twist)
+    body = await RosbridgeBody.connect(options.rosbridge, options.odometry, options.twist, camera_topic=options.camera)
     hearing = asyncio.create_task(body.hear())
     try:
         async with await Client.join(options.join, {options.name: SETTINGS}) as client:
-            await RobotClient(client, options.name, body).run()
+            await RobotClient(client, options.name, body, options.see).run()
     finally:
         hearing.cancel()
         await body.close()
@@ -35,6 +35,8 @@ def main() -> int:
     parser.add_argument("--rosbridge", metavar="URL", default="ws://127.0.0.1:9090", help="[ws://127.0.0.1:9090]")
     parser.add_argument("--odometry", metavar="TOPIC", default="/odom", help="nav_msgs/Odometry [/odom]")
     parser.add_argument("--twist", metavar="TOPIC", default="/cmd_vel", help="geometry_msgs/Twist [/cmd_vel]")
+    parser.add_argument("--camera", metavar="TOPIC", help="sensor_msgs/CompressedImage: what people see by its eyes")
+    parser.add_argument("--see", metavar="NAME", help=f"ask to see through NAME's eyes: views go to {EYES_TOPIC}")
     with suppress(KeyboardInterrupt):
         try:
             asyncio.run(_run(parser.parse_args()))

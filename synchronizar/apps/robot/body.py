@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import base64
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple, Protocol
 
 import aiohttp
 import msgspec
 
-from synchronizar.apps.robot.drive import Drive, Twist
+from synchronizar.apps.robot import camera
+from synchronizar.apps.robot.drive import Drive, Ground, Twist
+from synchronizar.apps.stills import View, shrunk
 from synchronizar.errors import InputError
 from synchronizar.live.messages import Quaternion, Vector
 from synchronizar.quaternions import yaw_quaternion
 
 _STEP_S = 0.01
+EYES_TOPIC = "/synchronizar/eyes"
+"""What somebody sees, for the robot's own programs; `frame_id` says who."""
+USUAL_HALF = 0.47
+"""m: half the height at 1 m of what a camera shows whose field nobody has told: 50 degrees."""
 
 
 class Odometry(NamedTuple):
@@ -36,6 +43,12 @@ class Body(Protocol):
     async def command(self, twist: Twist) -> None:
         """What it shall do from now on, until it is told again."""
 
+    def see(self, at: Ground | None, people: Mapping[str, tuple[float, float]]) -> View | None:
+        """What its camera sees; None without one. A simulated one has to be told where it is, and who else is."""
+
+    async def show(self, name: str, view: View) -> None:
+        """What somebody sees, through whose eyes it looks."""
+
     async def close(self) -> None:
         """Nothing more is commanded."""
 
@@ -45,6 +58,8 @@ class SimulatedBody:
 
     def __init__(self, drive: Drive, clock: Callable[[], float] = time.time) -> None:
         self.drive = drive
+        self.shown: dict[str, View] = {}
+        """What others see, by their names."""
         self._clock, self._t = clock, clock()
 
     def odometry(self) -> Odometry:
@@ -61,18 +76,30 @@ class SimulatedBody:
         """From now on."""
         self.drive.command(twist)
 
+    def see(self, at: Ground | None, people: Mapping[str, tuple[float, float]]) -> View | None:
+        """Drawn; nothing while it does not know where it is."""
+        return None if at is None else camera.view(at, people)
+
+    async def show(self, name: str, view: View) -> None:
+        """It is kept."""
+        self.shown[name] = view
+
     async def close(self) -> None:
         """It stands where it is."""
 
 
 class RosbridgeBody:
-    """A robot with ROS, by rosbridge's WebSocket: nav_msgs/Odometry comes, geometry_msgs/Twist goes."""
+    """A robot with ROS, by rosbridge's WebSocket: nav_msgs/Odometry comes, geometry_msgs/Twist goes.
+
+    Pictures of its camera come, and others' views go, as sensor_msgs/CompressedImage.
+    """
 
     def __init__(
         self, session: aiohttp.ClientSession, socket: aiohttp.ClientWebSocketResponse, twist_topic: str, clock: Any
     ) -> None:
         self._session, self._socket, self._twist_topic, self._clock = session, socket, twist_topic, clock
         self._newest: Odometry | None = None
+        self._view: View | None = None
 
     @classmethod
     async def connect(
@@ -81,8 +108,12 @@ class RosbridgeBody:
         odometry_topic: str = "/odom",
         twist_topic: str = "/cmd_vel",
         clock: Callable[[], float] = time.time,
+        camera_topic: str | None = None,
     ) -> RosbridgeBody:
-        """`address`: ws://robot:9090. Raises InputError where nobody answers there."""
+        """`address`: ws://robot:9090. `camera_topic`: of JPEG or PNG pictures.
+
+        Raises InputError where nobody answers there.
+        """
         session = aiohttp.ClientSession()
         try:
             socket = await session.ws_connect(address, heartbeat=5.0)
@@ -91,17 +122,26 @@ class RosbridgeBody:
             raise InputError(address, f"no rosbridge answers: {error}") from error
         await socket.send_json({"op": "advertise", "topic": twist_topic, "type": "geometry_msgs/Twist"})
         await socket.send_json({"op": "subscribe", "topic": odometry_topic, "type": "nav_msgs/Odometry"})
+        image = {"type": "sensor_msgs/CompressedImage"}
+        await socket.send_json({"op": "advertise", "topic": EYES_TOPIC} | image)
+        if camera_topic is not None:
+            # A picture now and then is enough, and a whole stream of them is more than rosbridge can do.
+            await socket.send_json({"op": "subscribe", "topic": camera_topic, "throttle_rate": 500} | image)
         return cls(session, socket, twist_topic, clock)
 
     async def hear(self) -> None:
         """Take odometry as it comes, until the connection ends."""
         async for word in self._socket:
             if word.type is aiohttp.WSMsgType.TEXT:
-                with suppress(msgspec.DecodeError, KeyError, TypeError, ValueError):
+                with suppress(msgspec.DecodeError, KeyError, TypeError, ValueError, OSError):
                     self._take(msgspec.json.decode(word.data))
 
     def _take(self, word: Any) -> None:
         if word["op"] != "publish":
+            return
+        if "format" in word["msg"]:
+            jpeg, aspect = shrunk(base64.b64decode(word["msg"]["data"], validate=True))
+            self._view = View(jpeg, USUAL_HALF, aspect)
             return
         pose = word["msg"]["pose"]["pose"]
         p, q = pose["position"], pose["orientation"]
@@ -119,6 +159,16 @@ class RosbridgeBody:
         zero = {"x": 0.0, "y": 0.0, "z": 0.0}
         message = {"linear": zero | {"x": twist.linear}, "angular": zero | {"z": twist.angular}}
         await self._socket.send_json({"op": "publish", "topic": self._twist_topic, "msg": message})
+
+    def see(self, at: Ground | None, people: Mapping[str, tuple[float, float]]) -> View | None:  # noqa: ARG002
+        """The camera's newest picture."""
+        return self._view
+
+    async def show(self, name: str, view: View) -> None:
+        """To whatever of the robot's programs wants it."""
+        stamped = {"frame_id": name, "stamp": {"sec": int(self._clock()), "nanosec": 0}}
+        message = {"header": stamped, "format": "jpeg", "data": base64.b64encode(view.jpeg).decode()}
+        await self._socket.send_json({"op": "publish", "topic": EYES_TOPIC, "msg": message})
 
     async def close(self) -> None:
         """The robot stops: its last command is none."""

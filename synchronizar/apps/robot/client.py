@@ -10,6 +10,7 @@ from synchronizar.apps.robot.drive import STOP, Ground, Twist
 from synchronizar.apps.robot.game import order_id
 from synchronizar.apps.robot.mirror import Mirror
 from synchronizar.apps.robot.pilot import Pilot
+from synchronizar.apps.stills import Stills
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client
 from synchronizar.live.peer_placing import placed, told_frame
@@ -18,28 +19,33 @@ from synchronizar.live.stage import Player, heading_of
 
 BEAT_S = 1.0 / 30.0
 OFFERED_EVERY_S = 2.0
+LOOKS_EVERY_S = 0.25
 
 
 class RobotClient:
     """Joins a body and a room."""
 
-    def __init__(self, client: Client, name: str, body: Body) -> None:
+    def __init__(self, client: Client, name: str, body: Body, through: str | None = None) -> None:
+        """`through`: whose eyes the robot asks for; what that one sees goes to its body."""
         self._client, self._name, self._body = client, name, body
         self.pilot = Pilot()
+        self.stills = Stills(name, lambda: body.see(self.at, self.pilot.places), through)
         self.asked: Twist | None = None
         """What it was told last; None while it has no orders, and whoever else drives it is left alone."""
         self.at: Ground | None = None
-        """Where its odometry has it in the common frame, at the last decision."""
+        """Where its odometry has it in the common frame, at the last decision; None: it does not know."""
 
     async def run(self) -> None:
         """Until the room ends the connection; the robot then stands still."""
-        offering, driving = asyncio.create_task(self._offer()), asyncio.create_task(self._drive())
+        tasks = [asyncio.create_task(task) for task in (self._offer(), self._drive(), self._look())]
         try:
             async for word in self._client.messages():
                 self.hear(word)
+                if (by := self.stills.hear(word)) is not None:
+                    await self._body.show(by, self.stills.seen[by])
         finally:
-            offering.cancel()
-            driving.cancel()
+            for task in tasks:
+                task.cancel()
             await self._body.command(STOP)
 
     def hear(self, word: m.FromRoom | PosesDown) -> None:
@@ -78,6 +84,13 @@ class RobotClient:
                 await self._client.say_message(m.Say("robot", None, m.APP))
             await asyncio.sleep(OFFERED_EVERY_S)
 
+    async def _look(self) -> None:
+        """First-person views, both ways."""
+        while True:
+            for word in self.stills.words(asyncio.get_running_loop().time(), self._client.objects):
+                await self._client.say_message(word)
+            await asyncio.sleep(LOOKS_EVERY_S)
+
     async def _drive(self) -> None:
         last = -inf
         while True:
@@ -94,17 +107,23 @@ class RobotClient:
 
     def decide(self, odometry: Odometry | None) -> Twist | None:
         """The command now; None without orders."""
+        self.at = None if odometry is None else self._placed(odometry)
         if self.pilot.whom is None:
             return None
-        offset, member = self._client.offset, self._client.members.get(self._name)
-        if odometry is None or offset is None or member is None:
+        offset = self._client.offset
+        if odometry is None or offset is None or self.at is None:
             return STOP
-        frame = told_frame(self._client.frames.users.get(self._name), "z", member.frame)
-        if frame is None:
-            return STOP
-        position, quat = placed(frame, odometry.position, odometry.quat_xyzw)
-        self.at = Ground(position[0], position[1], heading_of(Player(self._name, position, quat, "z").forward))
         return self.pilot.twist(odometry.t + offset, self.at)
+
+    def _placed(self, odometry: Odometry) -> Ground | None:
+        """In the common frame; None while that is not known."""
+        member = self._client.members.get(self._name)
+        told = self._client.frames.users.get(self._name)
+        frame = None if member is None else told_frame(told, "z", member.frame)
+        if frame is None:
+            return None
+        position, quat = placed(frame, odometry.position, odometry.quat_xyzw)
+        return Ground(position[0], position[1], heading_of(Player(self._name, position, quat, "z").forward))
 
 
 def _ground(pose: PoseDown, member: m.Member) -> Ground:

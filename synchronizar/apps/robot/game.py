@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from synchronizar.apps.looks import LOOK, Looks
 from synchronizar.apps.robot.drive import Ground
 from synchronizar.apps.robot.mirror import mirror_between
 from synchronizar.live.applications import Application
@@ -15,15 +16,24 @@ ORDER = "robot order"
 class Robots(Application):
     """Words: `robot` of a robot that is there for orders; `mirror`, `come` of a player, `stay` of anybody.
 
+    And those of `Looks`: people see what the robot sees, and the robot what they do.
     Orders go to the robot that they name, {"robot": name}, or to the nearest one.
     """
 
     title = "Robot"
     summary = "A robot is your mirror image, or comes when you call it, and keeps away from everybody."
-    kinds = (ORDER,)
+    kinds = (ORDER, LOOK)
+
+    def __init__(self) -> None:
+        self._looks = Looks()
+
+    def tick(self, stage: Stage) -> None:
+        """Who has left is seen no more."""
+        self._looks.tick(stage)
 
     def said(self, stage: Stage, by: str, topic: str, data: Any) -> None:
         """A word of a robot or a player."""
+        self._looks.said(stage, by, topic, data)
         if topic == "robot" and by:
             if order_id(by) not in stage.objects:
                 stage.create(order_id(by), ORDER, (0.0, 0.0, 0.0), data={"robot": by, "do": "stay"})

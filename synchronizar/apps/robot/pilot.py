@@ -14,6 +14,7 @@ _SPEED_OVER_S = 0.2
 """s over which somebody's speed is measured."""
 _FASTEST = 2.0
 """m/s: a place that moves faster was corrected, nobody walks so fast."""
+_FRESH_S = 1.0
 _FORGOTTEN_S = 10.0
 """s without news after which somebody has left."""
 
@@ -51,6 +52,12 @@ class Pilot:
         if not seen.places or t > seen.places[-1][0]:
             seen.places.append((t, (place.x, place.y)))
             seen.heading, seen.sigma = place.heading, sigma
+
+    @property
+    def places(self) -> dict[str, Plane]:
+        """Where everybody was seen just now, by name."""
+        last = {name: seen.places[-1] for name, seen in self._seen.items()}
+        return {name: place for name, (t, place) in last.items() if self._heard - t < _FRESH_S}
 
     def twist(self, t: float, at: Ground) -> Twist:
         """The command at `t` for a robot whose own odometry, in the common frame, has it `at` a place."""

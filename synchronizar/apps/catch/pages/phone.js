@@ -40,7 +40,7 @@ class Layer {
   constructor(place) {
     this.#place = place;
     this.kinds = new Set([BALL, SCORE]);
-    place.panel.append(this.#score, this.#line, this.#throw, this.#sound.button());
+    place.panel.append(element("div", { class: "app-told" }, this.#score, this.#line), this.#throw, this.#sound.button());
     place.common.add(this.#ball, this.#arc);
     this.#ball.visible = this.#arc.visible = false;
     this.#throw.addEventListener("pointerdown", () => (this.#holding = true));

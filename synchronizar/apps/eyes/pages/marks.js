@@ -2,9 +2,10 @@
 
 import { ConeGeometry, Group, Mesh, MeshStandardMaterial } from "../../pages/vendor/three/three.module.min.js";
 
+import { ofKind } from "../../pages/looks.js";
 import { colourOf } from "../../pages/view/colours.js";
 import { dispose, label } from "../../pages/xr/label.js";
-import { MARK, ofKind } from "./looks.js";
+import { MARK } from "./kinds.js";
 
 /** Its tip is at the place. */
 const PIN = new ConeGeometry(0.05, 0.2, 20).rotateX(-Math.PI / 2).translate(0, 0, 0.1);
@@ -18,7 +19,7 @@ export class Marks {
 
   /** Where each is drawn, by its id; for tests. */
   get places() {
-    return Object.fromEntries([...this.#shown].map(([id, { pin }]) => [id, pin.position.toArray()]));
+    return Object.fromEntries([...this.#shown].map(([id, { pin }]) => [id, [pin.position.x, pin.position.y, pin.position.z + this.root.position.z]]));
   }
 
   update(client) {

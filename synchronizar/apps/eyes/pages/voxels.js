@@ -3,21 +3,21 @@
  * The same as scan.py. No elements, no drawing.
  */
 
+import { ofKind } from "../../pages/looks.js";
+import { FLOOR } from "./kinds.js";
+
 export const CELL_M = 0.08;
 export const SIDE = 16;
 const BYTES = SIDE ** 3 / 8;
 const FARTHEST = 100;
-/** Cubes in one word. */
-const MOST_SEEN = 40;
+/** Cubes in one word, which has 8 kB at most. */
+const MOST_SEEN = 11;
 /** s: a cell counts that was seen in two of these; what walks through is not there in both. */
 const AGAIN_S = 1;
 /** m: steps along a ray. */
 const STEP_M = CELL_M / 2;
 /** m: where the floor is, while none was seen: phones are held about so high above it. */
 const UNSEEN_FLOOR_M = -1.4;
-/** Cells of one layer of a cube that make a floor. */
-const FLOOR_CELLS = 60;
-const ONES = Array.from({ length: 256 }, (_, byte) => byte.toString(2).replaceAll("0", "").length);
 
 const cellAt = (v) => Math.floor(v / CELL_M);
 const cubeAt = (cell) => Math.floor(cell / SIDE);
@@ -39,15 +39,15 @@ export class Sightings {
   #seen = new Map();
   #cubes = new Map();
 
-  /** A point of a surface, m in the common frame, seen at `t` (s). */
-  add(point, t) {
+  /** A point of a surface, m in the common frame, seen at `t` (s). `again`: it counts as seen twice. */
+  add(point, t, again = false) {
     const cell = point.map(cellAt);
     const cube = cell.map(cubeAt);
     if (!cube.every((n) => Math.abs(n) <= FARTHEST)) return;
     const name = cell.join(" ");
     const first = this.#seen.get(name);
-    if (first === undefined) this.#seen.set(name, t);
-    else if (first !== null && t - first >= AGAIN_S) {
+    if (first === undefined && !again) this.#seen.set(name, t);
+    else if (first !== null && (again || t - first >= AGAIN_S)) {
       this.#seen.set(name, null); // it is told once
       const key = cube.join(" ");
       const bytes = this.#cubes.get(key) ?? new Uint8Array(BYTES);
@@ -58,13 +58,13 @@ export class Sightings {
   }
 
   /** A triangle of a surface. */
-  addTriangle(a, b, c, t) {
+  addTriangle(a, b, c, t, again = false) {
     const longest = Math.max(...[[a, b], [b, c], [c, a]].map(([p, q]) => Math.hypot(...p.map((v, i) => v - q[i]))));
     const parts = Math.max(1, Math.ceil(longest / STEP_M));
     for (let i = 0; i <= parts; i++) {
       for (let j = 0; j <= parts - i; j++) {
         const [u, v] = [i / parts, j / parts];
-        this.add(a.map((p, k) => p + u * (b[k] - p) + v * (c[k] - p)), t);
+        this.add(a.map((p, k) => p + u * (b[k] - p) + v * (c[k] - p)), t, again);
       }
     }
   }
@@ -84,38 +84,32 @@ export class Sightings {
   }
 }
 
-/** All cubes that the room has. */
+/** All cubes that the room has, as somebody points at them; each is read once a ray comes to it. */
 export class Model {
-  #cubes = new Map();
+  #client;
+  #read = new Map();
 
-  /** A cube with its least corner (m) there has these cells, in base64. */
-  set(corner, text) {
-    const at = corner.map((v) => Math.round(v / (SIDE * CELL_M)));
-    this.#cubes.set(at.join(" "), decoded(text));
+  constructor(client) {
+    this.#client = client;
   }
 
-  remove(corner) {
-    this.#cubes.delete(corner.map((v) => Math.round(v / (SIDE * CELL_M))).join(" "));
-  }
-
-  /** m: how high the lowest level surface is. */
+  /** m, common frame: how high the floor is by whom it was seen first. */
   get floor() {
-    let lowest = Infinity;
-    for (const [key, bytes] of this.#cubes) {
-      const bottom = SIDE * Number(key.split(" ")[2]);
-      for (let z = 0; z < SIDE && bottom + z < lowest; z++) {
-        const layer = bytes.subarray((z * SIDE * SIDE) / 8, ((z + 1) * SIDE * SIDE) / 8);
-        if (layer.reduce((sum, byte) => sum + ONES[byte], 0) >= FLOOR_CELLS) lowest = bottom + z;
-      }
-    }
-    return lowest === Infinity ? UNSEEN_FLOOR_M : (lowest + 0.5) * CELL_M;
+    return ofKind(this.#client, FLOOR)[0]?.position[2] ?? UNSEEN_FLOOR_M;
   }
 
   has(point) {
     const cell = point.map(cellAt);
-    const bytes = this.#cubes.get(cell.map(cubeAt).join(" "));
+    const bytes = this.#cells(`scan ${cell.map(cubeAt).join(" ")}`);
     const bit = bitOf(cell);
-    return bytes !== undefined && (bytes[bit >> 3] & (1 << (bit & 7))) !== 0;
+    return bytes !== null && (bytes[bit >> 3] & (1 << (bit & 7))) !== 0;
+  }
+
+  #cells(id) {
+    const data = this.#client.objects.get(id)?.data;
+    if (typeof data !== "string") return null;
+    if (this.#read.get(id)?.data !== data) this.#read.set(id, { data, bytes: decoded(data) });
+    return this.#read.get(id).bytes;
   }
 
   /** Where a ray (origin m, way of length 1) first meets something within `reach` m; null where it does not. */

@@ -8,12 +8,16 @@ import {
 } from "../../pages/vendor/three/three.module.min.js";
 
 import { element, keep, say } from "../../pages/dom.js";
+import { LOOK } from "../../pages/looks.js";
+import { Looking } from "../../pages/xr/looking.js";
 import { ORDER, orders } from "./orders.js";
 
 const MIRROR_M = [3, 2];
 
 /** `place`: what the phone's page has, see docs/apps.md. */
-export function begin({ client, name, common, panel, registered }) {
+export function begin(place) {
+  const { client, name, common, panel, registered } = place;
+  const looking = new Looking(place);
   const list = element("ul", { class: "app-list" });
   const buttons = element("div", { class: "app-row" });
   for (const [text, order] of [["Mirror me", "mirror"], ["Come", "come"], ["Stay", "stay"]]) {
@@ -30,8 +34,13 @@ export function begin({ client, name, common, panel, registered }) {
   common.add(glass);
 
   return {
-    kinds: new Set([ORDER]),
-    update() {
+    kinds: new Set([ORDER, LOOK]),
+    /** Where screens are drawn, in the common frame; for tests. */
+    get places() {
+      return looking.places;
+    },
+    update(dt) {
+      looking.update(dt);
       const told = orders(client, name);
       buttons.hidden = !registered() || !told.some(({ here }) => here);
       const lines = told.length ? told : [{ robot: "", line: "No robot is here yet." }];
@@ -44,6 +53,7 @@ export function begin({ client, name, common, panel, registered }) {
       glass.rotation.set(0, 0, direction);
     },
     end() {
+      looking.end();
       common.remove(glass);
       panel.replaceChildren();
     },

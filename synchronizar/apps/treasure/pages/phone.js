@@ -42,7 +42,7 @@ class Layer {
   #head = element("p", { class: "app-score" });
   #line = element("p", { class: "app-line", role: "status" });
   #build = element("div", { class: "app-row" });
-  #play = element("button", { type: "button", text: "Play" });
+  #play = element("button", { type: "button", class: "main", text: "Play" });
   #stop = element("button", { type: "button", text: "Back to building" });
   #new = element("button", { type: "button", text: "Begin a new game" });
   #heard;
@@ -56,7 +56,11 @@ class Layer {
     for (const [button, word] of [[this.#play, "play"], [this.#stop, "build"], [this.#new, "new"]]) {
       button.addEventListener("click", () => this.#say(word));
     }
-    place.panel.append(this.#head, this.#line, this.#build, this.#play, this.#stop, this.#new, this.#sound.button());
+    place.panel.append(
+      element("div", { class: "app-told" }, this.#head, this.#line),
+      this.#build,
+      element("div", { class: "app-row" }, this.#play, this.#stop, this.#new, this.#sound.button()),
+    );
     this.#heard = ({ detail: { topic, data, by } }) => {
       if (by === "app" && topic === "met" && data.by === place.name) this.#sound.play(SOUNDS[data.what] ?? []);
     };

@@ -1,9 +1,11 @@
 /** Treasure on the room's page: what lies where, who has how many, who was best. */
 
-import { element, keep, say } from "../../pages/dom.js";
+import { element, keep, say, swatch } from "../../pages/dom.js";
 import { COLOURS, GHOST, NAMES, THING, ghostAt, ofKind, scoreOf, standing, words } from "./model.js";
 
 const RADIUS = 6;
+/** As on the map; what has none is round. */
+const SHAPES = { obstacle: "M8 1l7 14H1z", start: "M8 0a8 8 0 1 0 0 16A8 8 0 0 0 8 0zm0 2a6 6 0 1 1 0 12A6 6 0 0 1 8 2z" };
 
 /** `place`: what the room's page has, see docs/apps.md. */
 export function begin({ client, panel }) {
@@ -13,7 +15,7 @@ export function begin({ client, panel }) {
   const title = element("h3", { text: "Best until now" });
   const best = element("ol", { class: "app-list" });
   const legend = element("ul", { class: "app-legend" });
-  for (const [what, name] of Object.entries(NAMES)) legend.append(element("li", { "data-what": what, text: name }));
+  for (const [what, name] of Object.entries(NAMES)) legend.append(element("li", {}, swatch(COLOURS[what], SHAPES[what]), name));
   panel.append(element("h2", { text: "Treasure" }), head, line, players, title, best, legend);
 
   return {

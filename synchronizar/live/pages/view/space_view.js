@@ -78,6 +78,13 @@ export class SpaceView {
     this.#grid.position.z = z;
   }
 
+  /** {origin, way} in the common frame of what a place of the picture shows, -1 to 1 to the right and up. */
+  ray(right = 0, up = 0) {
+    this.#caster.setFromCamera(new Vector2(right, up), this.#camera);
+    const { origin, direction } = this.#caster.ray;
+    return { origin: origin.toArray(), way: direction.toArray() };
+  }
+
   /** Where somebody is drawn, {position, quat_xyzw}; null of who is not. */
   placeOf(name) {
     return this.#avatars.placeOf(name);
@@ -104,10 +111,8 @@ export class SpaceView {
     });
     canvas.addEventListener("pointerup", ({ offsetX, offsetY }) => {
       if (this.#dragged > 4) return;
-      const at = new Vector2((2 * offsetX) / canvas.clientWidth - 1, 1 - (2 * offsetY) / canvas.clientHeight);
-      this.#caster.setFromCamera(at, this.#camera);
-      const { origin, direction } = this.#caster.ray;
-      pointed(origin.toArray(), direction.toArray());
+      const { origin, way } = this.ray((2 * offsetX) / canvas.clientWidth - 1, 1 - (2 * offsetY) / canvas.clientHeight);
+      pointed(origin, way);
     });
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();

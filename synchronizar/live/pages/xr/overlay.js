@@ -17,7 +17,7 @@ export class Overlay {
     byId("leave").onclick = actions.leave;
     byId("mark").onclick = actions.mark;
     // A finger on a button takes hold of nothing behind it.
-    for (const button of [byId("leave"), byId("mark")]) button.onbeforexrselect = (event) => event.preventDefault();
+    for (const touched of [byId("leave"), byId("mark"), byId("app")]) touched.onbeforexrselect = (event) => event.preventDefault();
   }
 
   show(shown) {

@@ -15,9 +15,9 @@ import {
   PlaneGeometry,
   SRGBColorSpace,
   Texture,
-} from "../../pages/vendor/three/three.module.min.js";
+} from "../vendor/three/three.module.min.js";
 
-import { Z_UP_FROM_Y_UP } from "../../pages/axes.js";
+import { Z_UP_FROM_Y_UP } from "../axes.js";
 
 /** m in front of the eyes. */
 const AWAY_M = 0.7;

@@ -1,8 +1,6 @@
 /** Who looks through whose eyes, in words. No elements, no drawing. */
 
-export const LOOK = "eyes look";
-export const SCAN = "eyes scan";
-export const MARK = "eyes mark";
+export const LOOK = "look";
 
 /** The room's objects of a kind. */
 export function ofKind(client, kind) {
