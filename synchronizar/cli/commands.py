@@ -184,11 +184,17 @@ def _simulate(options: argparse.Namespace) -> None:
 
 def _plot(options: argparse.Namespace) -> None:
     from synchronizar.data.recording import Recording
-    from synchronizar.reporting.plots import plot
 
     print_progress(f"loading {options.recording} ...")
-    recording = Recording.load(options.recording)
-    print_result(str(plot(recording, options.out, options.recording.resolve().name)))
+    recording, name = Recording.load(options.recording), options.recording.resolve().name
+    if options.html:
+        from synchronizar.reporting.report import write_report
+
+        print_result(str(write_report(recording, options.out, name)))
+    else:
+        from synchronizar.reporting.plots import plot
+
+        print_result(str(plot(recording, options.out, name)))
 
 
 def _convert(options: argparse.Namespace) -> None:

@@ -33,16 +33,17 @@ from synchronizar.geometry import YawFrame
 from synchronizar.io.registration_folder import write_registration
 from synchronizar.parameters import Parameters
 from synchronizar.quaternions import yaw_quaternion
+from synchronizar.reporting.answer import Answer, read_answer
+from synchronizar.reporting.drift import common_from_user_at_start, drift_of
+from synchronizar.reporting.pairs import pairs
 from synchronizar.reporting.plots import draw, draw_devices, plot
-from synchronizar.reporting.plots.answer import Answer, read_answer
-from synchronizar.reporting.plots.drift import common_from_user_at_start, drift_of
 from synchronizar.reporting.plots.estimates import MOST_ROWS, draw_estimates, kinds
 from synchronizar.reporting.plots.jump_list import MOST_JUMPS, draw_jumps
-from synchronizar.reporting.plots.pairs import MOST_PAIRS, draw_pair, pairs
+from synchronizar.reporting.plots.pairs import MOST_PAIRS, draw_pair
 from synchronizar.reporting.plots.residuals import residual_limits
 from synchronizar.reporting.plots.style import JUMP, caption, short, styles
-from synchronizar.reporting.plots.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
 from synchronizar.reporting.plots.walks import MOST_RANGES
+from synchronizar.reporting.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
 

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from synchronizar.io.registration_folder import range_counts
-from synchronizar.reporting.plots.answer import Answer
-from synchronizar.reporting.plots.residuals import draw_histogram, draw_over_time, range_sigma, residual_limits
+from synchronizar.reporting.answer import Answer
+from synchronizar.reporting.plots.residuals import draw_histogram, draw_over_time, residual_limits
 from synchronizar.reporting.plots.style import Style, caption, short, styles
 from synchronizar.reporting.plots.walks import draw_walks, symbols
 
@@ -25,7 +25,7 @@ def draw(answer: Answer, title: str) -> Figure:
     left = columns[0].subgridspec(2, 1, height_ratios=(3.6, 1.0))
     right = columns[1].subgridspec(3, 1, height_ratios=(2.6, 1.0, 1.6))
     of_user = styles(answer)
-    sigma = range_sigma(answer)
+    sigma = answer.range_sigma
     limits = residual_limits(answer, sigma)
     with matplotlib.rc_context({"text.parse_math": False}):  # names may look like formulas
         draw_walks(figure.add_subplot(left[0]), answer, of_user)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -13,10 +11,10 @@ from matplotlib.patheffects import withStroke
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State, UserRegistration
-from synchronizar.reporting.plots.answer import Answer
-from synchronizar.reporting.plots.drift import common_from_user_at_start, drift_of
+from synchronizar.reporting.answer import Answer
+from synchronizar.reporting.drift import common_from_user_at_start, drift_of
 from synchronizar.reporting.plots.style import FAINT, JUMP, REJECTED, STATIC, USED, Style, few, short
-from synchronizar.reporting.plots.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
+from synchronizar.reporting.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
 
 MOST_RANGES = 150
 """Ranges drawn at most: more lines would hide the walks."""
@@ -97,7 +95,7 @@ def _frame_the_map(ax: Axes, answer: Answer) -> float:
     walks = [track.position[:, :2] for track in answer.tracks.values()]
     for name, user in answer.registration.users.items():
         if user.state is State.AMBIGUOUS:
-            walks += [walk[:, :2] for walk in _other_walks(answer, name)]
+            walks += [walk[:, :2] for walk in answer.other_walks(name)]
     corners = np.concatenate([[walk.min(axis=0), walk.max(axis=0)] for walk in walks])
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle, span = 0.5 * (low + high), max(float((high - low).max()), SMALLEST_M)
@@ -117,15 +115,6 @@ def _frame_the_map(ax: Axes, answer: Answer) -> float:
     ax.grid(color="0.92")
     ax.set_axisbelow(True)
     return span
-
-
-def _other_walks(answer: Answer, name: str) -> list[Array]:
-    """(n, 3) m, common frame: the user's walk under each alternative but the best."""
-    frame = answer.registration.users[name].common_from_user
-    assert frame is not None
-    others = [other.common_from_user.get(name) for other in answer.registration.alternatives[1:]]
-    own = frame.inverse() @ answer.tracks[name].position
-    return [replace(other, scale=frame.scale) @ own for other in others if other is not None]
 
 
 def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
@@ -176,7 +165,7 @@ def _draw_ranges(ax: Axes, answer: Answer) -> None:
 def _draw_user(ax: Axes, answer: Answer, name: str, style: Style, span: float) -> None:
     user, position = answer.registration.users[name], answer.tracks[name].position
     if user.state is State.AMBIGUOUS:
-        for walk in _other_walks(answer, name):
+        for walk in answer.other_walks(name):
             _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT)
     _draw_walk(ax, position, user, style, alpha=0.9)
     _draw_ellipse(ax, user, position[-1], style, largest=span)

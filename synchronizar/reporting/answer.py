@@ -1,9 +1,9 @@
-"""A registration with its tracks and ranges, as the plots need them."""
+"""A registration with its tracks and ranges, as plots and reports need them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
 from synchronizar.data.track import Track
 from synchronizar.io.registration_reader import read_registration
+from synchronizar.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,25 @@ class Answer:
 
     @property
     def began(self) -> float:
-        """s, range clock: time 0 of the plots: the first range, or the first pose where there is no range."""
+        """s, range clock: time 0 of plots: the first range, or the first pose where there is no range."""
         if len(self.ranges):
             return float(self.ranges.t.min())
         return min((float(self.tracks[name].t[0]) - self.clock_offset(name) for name in self.moving), default=0.0)
+
+    @property
+    def range_sigma(self) -> float:
+        """m: median 1 sigma of the usable ranges; the model's where the recording gives none."""
+        sigma = self.ranges.sigma[self.registration.ranges.usable]
+        model = Parameters().ranges.sigma
+        return float(np.median(np.where(np.isnan(sigma), model, sigma))) if len(sigma) else model
+
+    def other_walks(self, name: str) -> list[Array]:
+        """(n, 3) m, common frame: the walk of a user that has a frame under each alternative but the best."""
+        frame = self.registration.users[name].common_from_user
+        assert frame is not None
+        others = [other.common_from_user.get(name) for other in self.registration.alternatives[1:]]
+        own = frame.inverse() @ self.tracks[name].position
+        return [replace(other, scale=frame.scale) @ own for other in others if other is not None]
 
     def clock_offset(self, name: str) -> float:
         """s: the user's own stamp minus the range stamp of the same event; 0 for a static radio."""
