@@ -36,7 +36,7 @@ function rowOf(kind, cells, classes) {
       made.textContent = cell.slice(1);
     } else {
       made.append(cell);
-      if (cell instanceof Node) made.className = "left";
+      if (typeof cell !== "string") made.className = "left";
     }
     row.append(made);
   });
