@@ -87,7 +87,7 @@ FORCE:
 
 # Without isolation, so that the tests' own build of the core finds the same Eigen.
 $(VENV)/installed: $(VENV)/modules $(CORE)
-	$(BIN)/python -m pip install --quiet --no-build-isolation --editable ".[webtransport,webrtc,mcap]"
+	$(BIN)/python -m pip install --quiet --no-build-isolation --editable ".[webtransport,webrtc,mcap,ros]"
 	$(BIN)/python -c "import synchronizar._core"
 	touch $@
 

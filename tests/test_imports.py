@@ -20,6 +20,7 @@ ALLOWED = {
     "base": (),
     "data": ("base",),
     "io": ("data",),
+    "convert": ("io",),
     "preprocessing": ("data",),
     "diagnosis": ("preprocessing",),
     "graph": ("preprocessing",),
@@ -28,7 +29,7 @@ ALLOWED = {
     "reporting": ("io", "estimation"),
     "live": ("io", "estimation"),
     "apps": ("live",),
-    "cli": ("reporting", "simulation", "live"),
+    "cli": ("reporting", "simulation", "live", "convert"),
     "face": ("cli",),
 }
 FACE = ("__init__", "__main__")

@@ -6,21 +6,25 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from synchronizar.cli.parser import PROGRAM
-from synchronizar.cli.terminal import bar_of, live_view, print_progress, print_result
+from synchronizar.cli.terminal import bar, bar_of, live_view, print_progress, print_result
 from synchronizar.errors import InputError
+from synchronizar.progress import unheard
 from synchronizar.simulation.scene import SCHEMES, Scene
 
 if TYPE_CHECKING:
     from synchronizar.cli.parser import Command
+    from synchronizar.data.findings import Finding
     from synchronizar.data.recording import Recording
     from synchronizar.data.registration import Registration
+    from synchronizar.diagnosis.summary import Summary
 
 FOUND = 1
 
@@ -53,32 +57,14 @@ def _replay(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from synchronizar.diagnosis import findings_of
-    from synchronizar.diagnosis.solution import spoils
-    from synchronizar.diagnosis.summary import summary_of
-    from synchronizar.estimation.register import register
-    from synchronizar.io.tolerant import read_tolerantly
-    from synchronizar.parameters import Parameters
     from synchronizar.reporting.check import check_json, check_table
 
-    print_progress(f"loading {options.recording} ...")
     try:
-        recording, refused = read_tolerantly(options.recording)
+        summary, findings, refused = _checked(options.recording)
     except InputError as error:
         if options.json:
             print_result(json.dumps({"findings": [], "users": {}, "ranges": {}, "refused": str(error)}))
         raise
-    parameters = Parameters()
-    findings = findings_of(recording, parameters)
-    if refused is None and not spoils(findings):
-        # What only a solution shows.
-        print_progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
-        try:
-            with _solvable(options.recording):
-                findings = list(register(recording, parameters=parameters).findings)
-        except InputError as error:
-            refused = error
-    summary = summary_of(recording, parameters)
     if options.json:
         print_result(
             json.dumps(check_json(summary, findings, None if refused is None else str(refused)), allow_nan=False)
@@ -88,6 +74,30 @@ def _check(options: argparse.Namespace) -> int:
     if refused is not None:
         raise refused
     return FOUND if findings else 0
+
+
+def _checked(folder: Path) -> tuple[Summary, list[Finding], InputError | None]:
+    """What is in a recording, what looks wrong in it, and why `register` refuses it, if it does."""
+    from synchronizar.diagnosis import findings_of
+    from synchronizar.diagnosis.solution import spoils
+    from synchronizar.diagnosis.summary import summary_of
+    from synchronizar.estimation.register import register
+    from synchronizar.io.tolerant import read_tolerantly
+    from synchronizar.parameters import Parameters
+
+    print_progress(f"loading {folder} ...")
+    recording, refused = read_tolerantly(folder)
+    parameters = Parameters()
+    findings = findings_of(recording, parameters)
+    if refused is None and not spoils(findings):
+        # What only a solution shows.
+        print_progress(f"registering {len(recording.users)} users, {len(recording.ranges)} ranges ...")
+        try:
+            with _solvable(folder):
+                findings = list(register(recording, parameters=parameters).findings)
+        except InputError as error:
+            refused = error
+    return summary_of(recording, parameters), findings, refused
 
 
 def _print_registration(registration: Registration, as_json: bool) -> None:
@@ -198,23 +208,85 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _convert(options: argparse.Namespace) -> None:
-    with _extra("mcap"):
-        import mcap.writer  # noqa: F401
-    from synchronizar.io.mcap_file import write_mcap
+    from synchronizar.convert.saving import is_recording
+
+    if options.from_format is None and is_recording(options.source):
+        _convert_out(options)
+    else:
+        _convert_in(options)
+
+
+def _convert_out(options: argparse.Namespace) -> None:
+    """Write a recording, and an answer about it, in another format."""
+    from synchronizar.convert.formats import FORMATS, WRITTEN, format_named
     from synchronizar.io.registration_reader import read_registration
     from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
 
-    if options.to is None and options.out.suffix != ".mcap":
-        raise InputError(options.out, "has no name that says its format: call it .mcap, or say --to mcap")
+    if options.out is None:
+        raise InputError(options.source, "is a recording: say where it is to be written, and in what format")
+    named = options.to or next((f.name for f in FORMATS if options.out.suffix in f.suffixes), None)
+    if named is None or named == "recording":
+        known = ", ".join(suffix for f in FORMATS for suffix in f.suffixes)
+        raise InputError(
+            options.out, f"has no name that says its format: let it end with {known}, or say --to {'|'.join(WRITTEN)}"
+        )
+    target = format_named(named)
+    if target.writer_extra:
+        with _extra(target.writer_extra[0]):
+            import_module(target.writer_extra[1])
+    write = target.writing()
     recording, _ = _loaded(options.source)
     if options.answer is None:
-        write_mcap(options.out, recording)
+        write(options.out, recording, None, None, [])
     else:
         updates = options.answer / UPDATES_FILE
         replayed = read_updates(updates, recording) if updates.exists() else []
         registration, tracks = read_registration(options.answer, recording, causal=updates.exists())
-        write_mcap(options.out, recording, registration, tracks, replayed)
+        write(options.out, recording, registration, tracks, replayed)
     print_result(str(options.out))
+
+
+def _convert_in(options: argparse.Namespace) -> None:
+    """Make a recording of something else, and check it."""
+    from synchronizar.convert import importing
+    from synchronizar.convert.asked import Asked
+    from synchronizar.convert.saving import check_place, is_recording, save
+
+    asked = Asked(**{f.name: getattr(options, f.name) for f in fields(Asked)})
+    parts, unknown = importing.parts_of(options.source, options.from_format)
+    if options.list:
+        for part in parts:
+            with _extra(part.format.reader_extra):
+                print_result(importing.listing(part, asked))
+        return
+    if options.out is None:
+        raise InputError(options.source, "say where the recording is to be written: convert SOURCE RECORDING")
+    if options.to not in (None, "recording"):
+        raise InputError("--to", f"{options.source} has to become a recording before it is written as {options.to}")
+    check_place(options.out, options.force or options.add)
+    with ExitStack() as needs, bar(f"reading {options.source}") as progress:
+        for part in parts:
+            needs.enter_context(_extra(part.format.reader_extra))
+        imported = importing.read_parts(options.source, parts, unknown, asked, progress or unheard)
+    added_to = options.out if options.add and is_recording(options.out) else None
+    recording, truth = importing.recording_of(options.source, imported, asked, added_to)
+    save(recording, truth, options.out)
+    _print_conversion(options, [part.format.name for part in parts], imported.notes)
+
+
+def _print_conversion(options: argparse.Namespace, formats: list[str], notes: list[str]) -> None:
+    """What was taken for granted, and what `check` finds in what was made."""
+    from synchronizar.reporting.check import check_json, check_table
+
+    summary, findings, refused = _checked(options.out)
+    if options.json:
+        told = check_json(summary, findings, None if refused is None else str(refused))
+        head = {"recording": str(options.out), "formats": sorted(set(formats)), "notes": notes}
+        print_result(json.dumps({**head, **told}, allow_nan=False))
+        return
+    print_result("\n".join([f"{options.source}: {', '.join(sorted(set(formats)))}", *(f"- {n}" for n in notes), ""]))
+    print_result(check_table(summary, findings, refused is not None))
+    print_result(f"\n{options.out}" if refused is None else f"{refused}\n\n{options.out}")
 
 
 def _serve(options: argparse.Namespace) -> None:
@@ -257,10 +329,12 @@ def _play(options: argparse.Namespace) -> None:
 
 @contextmanager
 def _extra(name: str) -> Iterator[None]:
-    """What only some commands need comes with an extra."""
+    """What only some commands need comes with an extra; an empty name is none."""
     try:
         yield
     except ModuleNotFoundError as error:
+        if not name:
+            raise
         raise InputError(error.name or name, f"is not installed: pip install 'synchronizar[{name}]'") from error
 
 

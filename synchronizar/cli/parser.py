@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, NoReturn, get_type_hints
 
 from synchronizar.cli.terminal import print_result
+from synchronizar.convert.asked import ANGLE_UNITS, LENGTH_UNITS, STAMPS, TIME_UNITS
+from synchronizar.convert.formats import READ, WRITTEN
 from synchronizar.errors import InputError
 from synchronizar.simulation.scene import SCHEMES, Scene
 
@@ -119,17 +121,7 @@ def parser_of(commands_by_name: Mapping[str, Command]) -> argparse.ArgumentParse
     _add_scene_options(simulate)
     simulate.set_defaults(command=commands_by_name["simulate"])
 
-    convert = commands.add_parser(
-        "convert",
-        help="write a recording, and an answer about it, in another format",
-        epilog=_example("convert walk/ walk.mcap --answer answer/"),
-    )
-    convert.add_argument("source", metavar="SOURCE", type=Path, help="a recording")
-    convert.add_argument("out", metavar="OUT", type=Path, help="the file to write: walk.mcap")
-    convert.add_argument("--to", choices=["mcap"], help="its format [what its name ends with]")
-    convert.add_argument("--answer", metavar="DIR", type=Path, help="what register or replay wrote about it")
-    convert.set_defaults(command=commands_by_name["convert"])
-
+    _add_convert(commands, commands_by_name["convert"])
     plot = commands.add_parser("plot", help="draw what register wrote", epilog=_example("plot walk/ answer/"))
     plot.add_argument("recording", metavar="RECORDING", type=Path)
     plot.add_argument("out", metavar="DIR", type=Path)
@@ -139,6 +131,70 @@ def parser_of(commands_by_name: Mapping[str, Command]) -> argparse.ArgumentParse
     plot.set_defaults(command=commands_by_name["plot"])
     _add_live_commands(commands, commands_by_name)
     return parser
+
+
+def _add_convert(commands: Any, command: Command) -> None:
+    convert = commands.add_parser(
+        "convert",
+        help="make a recording of other formats, or write one, and an answer about it, in another format",
+        description="Where SOURCE is a recording, it is written in another format; anything else becomes a recording.",
+        epilog=f"{_example('convert walk.bag walk/')}; {PROGRAM} convert walk/ walk.mcap --answer answer/",
+    )
+    convert.add_argument("source", metavar="SOURCE", type=Path, help="a bag, a log, a folder of them; or a recording")
+    convert.add_argument("out", metavar="RECORDING", type=Path, nargs="?", help="what is made: a folder, or a file")
+    convert.add_argument("--from", dest="from_format", choices=READ, help="what SOURCE is [found out]")
+    convert.add_argument("--to", choices=("recording", *WRITTEN), help="what is made [what its name ends with]")
+    convert.add_argument("--answer", metavar="DIR", type=Path, help="out: what register or replay wrote about it")
+    convert.add_argument(
+        "--json", action="store_true", help="in: print one JSON object instead of sentences and tables"
+    )
+    convert.add_argument("--force", action="store_true", help="in: replace the recording that is there")
+    convert.add_argument("--add", action="store_true", help="in: add to the recording that is there")
+    said = convert.add_argument_group("what SOURCE does not say", "docs/formats.md tells what each format assumes")
+    said.add_argument("--list", action="store_true", help="print what is in SOURCE and what is guessed of it, no more")
+    said.add_argument("--user", metavar="NAME", help="whose track it is, where a file has one [the file's name]")
+    said.add_argument(
+        "--rename", dest="renamed", metavar="OLD=NEW", type=_pair, action="append", default=[], help="call a device so"
+    )
+    said.add_argument("--static", metavar="NAME", action="append", default=[], help="a radio that stands still")
+    said.add_argument(
+        "--without", dest="left_out", metavar="NAME", action="append", default=[], help="leave a device out"
+    )
+    said.add_argument("--world", metavar="AXES", help="axes of positions: ros, ned, optical, arkit, unity, ... or rdf")
+    said.add_argument("--body", metavar="AXES", help="axes of the device, which become x forward, y left, z up")
+    said.add_argument("--length-unit", choices=tuple(LENGTH_UNITS), help="of positions")
+    said.add_argument("--range-unit", choices=tuple(LENGTH_UNITS), help="of ranges")
+    said.add_argument("--time-unit", choices=tuple(TIME_UNITS), help="of stamps")
+    said.add_argument("--angle-unit", choices=ANGLE_UNITS, help="of angles, where attitudes are some")
+    said.add_argument("--quaternion", choices=("xyzw", "wxyz"), help="order of a quaternion's columns")
+    said.add_argument("--stamps", choices=STAMPS, help="a message's own stamp, or when it was logged")
+    said.add_argument("--sigma", action="store_true", help="take the noise that SOURCE says its ranges have")
+    said.add_argument("--map", metavar="TOML", type=Path, help="what topics, fields, columns and radios are")
+    said.add_argument(
+        "--topic",
+        dest="topics",
+        metavar="'TOPIC KEY=VALUE ...'",
+        action="append",
+        default=[],
+        help="the same for one topic",
+    )
+    said.add_argument(
+        "--column",
+        dest="columns",
+        metavar="NAME=COLUMN",
+        type=_pair,
+        action="append",
+        default=[],
+        help="the same for one column",
+    )
+    convert.set_defaults(command=command)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    old, equals, new = text.partition("=")
+    if not (old and equals and new):
+        raise argparse.ArgumentTypeError(f"{text} is not A=B")
+    return old, new
 
 
 def _add_live_commands(commands: Any, commands_by_name: Mapping[str, Command]) -> None:

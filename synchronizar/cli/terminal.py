@@ -40,18 +40,24 @@ def print_progress(text: str) -> None:
 @contextmanager
 def bar_of(users: int, ranges: int) -> Iterator[Progress | None]:
     """A progress bar for a registration that takes longer than a second; None but on a terminal."""
+    with bar(f"registering {users} users, {ranges} ranges") as progress:
+        yield progress
+
+
+@contextmanager
+def bar(what: str) -> Iterator[Progress | None]:
+    """A progress bar for what takes longer than a second; None but on a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
     from tqdm import tqdm
 
     columns = min(_terminal_width(), _WIDEST)
-    what = f"registering {users} users, {ranges} ranges"
     form = "{desc}: {percentage:3.0f} % |{bar}| {elapsed}"
-    with tqdm(total=1.0, desc=what, delay=1.0, leave=False, ncols=columns, bar_format=form, file=sys.stderr) as bar:
+    with tqdm(total=1.0, desc=what, delay=1.0, leave=False, ncols=columns, bar_format=form, file=sys.stderr) as shown:
 
         def progress(share: float) -> None:
-            bar.update(max(share - bar.n, 0.0))
+            shown.update(max(share - shown.n, 0.0))
 
         yield progress
 

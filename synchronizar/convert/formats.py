@@ -1,0 +1,80 @@
+"""The formats that `convert` knows, by name. Their modules are imported when they are needed.
+
+A format that comes in has a module with two functions:
+
+    recognises(source: Source) -> bool                    whether this file or folder is of the format, by its looks
+    read(path: Path, asked: Asked, progress: Progress) -> Imported
+
+A format that goes out has a function (`module:name`), which raises InputError where the file cannot be written:
+
+    write(path: Path, recording: Recording, registration: Registration | None, tracks: Mapping[str, Track] | None,
+          updates: Sequence[Update]) -> None
+
+With an answer, `tracks` are those in the common frame; `updates` are what a replay wrote, if it was one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format, who reads it, and who writes it."""
+
+    name: str
+    """As `--from` and `--to` have it."""
+    what: str
+    """What such a file is, for a message."""
+    reader: str | None = None
+    """Module with `recognises` and `read`."""
+    writer: str | None = None
+    """`module:function`."""
+    suffixes: tuple[str, ...] = ()
+    """Of a file that is written: its name says the format."""
+    reader_extra: str = ""
+    """What has to be installed to read it."""
+    lists: bool = False
+    """Whether its module has `listing(path, asked) -> list[str]`: what is in it, without reading all of it."""
+    writer_extra: tuple[str, ...] = ()
+    """What has to be installed to write it: (extra, module)."""
+
+    def reading(self) -> Any:
+        """The module that reads it."""
+        if self.reader is None:
+            raise LookupError(self.name)
+        return import_module(self.reader)
+
+    def writing(self) -> Callable[..., None]:
+        """The function that writes it."""
+        if self.writer is None:
+            raise LookupError(self.name)
+        module, _, function = self.writer.partition(":")
+        found: Callable[..., None] = getattr(import_module(module), function)
+        return found
+
+
+FORMATS = (
+    Format(
+        "mcap",
+        "an MCAP file",
+        writer="synchronizar.io.mcap_file:write_mcap",
+        suffixes=(".mcap",),
+        writer_extra=("mcap", "mcap.writer"),
+    ),
+    Format("rosbag", "a bag of ROS 1 or ROS 2", "synchronizar.convert.rosbag", reader_extra="ros", lists=True),
+    Format("pyfg", "a PyFG factor graph, as CORA has it", "synchronizar.convert.pyfg"),
+    Format("euroc", "EuRoC / ASL csv: # timestamp [ns], position, quaternion w x y z", "synchronizar.convert.euroc"),
+)
+"""In the order in which a source is recognised: what is surest first."""
+
+READ = tuple(f.name for f in FORMATS if f.reader is not None)
+WRITTEN = tuple(f.name for f in FORMATS if f.writer is not None)
+
+
+def format_named(name: str) -> Format:
+    """The format of that name."""
+    return next(f for f in FORMATS if f.name == name)

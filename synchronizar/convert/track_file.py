@@ -1,0 +1,40 @@
+"""What all files of one track have in common: whose it is, units and axes as asked."""
+
+from __future__ import annotations
+
+from synchronizar.arrays import Array
+from synchronizar.convert.asked import LENGTH_UNITS, Asked
+from synchronizar.convert.axes import Turned, axes_named, turned
+from synchronizar.convert.imported import Imported
+from synchronizar.data.user import User
+from synchronizar.errors import InputError
+
+
+def add_track(
+    imported: Imported, name: str, rows: Array, asked: Asked, world: str = "flu", body: str | None = None
+) -> None:
+    """Take poses (n, 8) t x y z qx qy qz qw for a user's track; `world` and `body` are the format's own axes.
+
+    Raises InputError where axes were asked for that do not go together.
+    """
+    user = asked.user or name
+    imported.tracks[user], up = poses_as_asked(rows, asked, world, body)
+    imported.users[user] = User(user, up=up)
+
+
+def add_truth(imported: Imported, name: str, rows: Array, asked: Asked) -> None:
+    """The same for where a device truly was, in a frame that is z up."""
+    imported.truth[asked.user or name] = poses_as_asked(rows, asked, "flu", None).rows
+
+
+def poses_as_asked(rows: Array, asked: Asked, world: str, body: str | None) -> Turned:
+    """Poses in m and in axes that a recording may have."""
+    if asked.length_unit not in (None, "m"):
+        rows = rows.copy()
+        rows[:, 1:4] *= LENGTH_UNITS[asked.length_unit or "m"]
+    world = axes_named("--world", asked.world) if asked.world is not None else world
+    body = axes_named("--body", asked.body) if asked.body is not None else body
+    try:
+        return turned(rows, world, body)
+    except ValueError as error:
+        raise InputError("--body", str(error)) from error

@@ -1,0 +1,148 @@
+"""Tracks out of transforms between frames (TF): a body in the frame that its own odometry or SLAM has."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.convert.fields import stamp_of
+from synchronizar.data.track import interpolated
+from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, rotate_by_quaternions
+
+BODIES = ("base_link", "base_footprint", "base", "body", "imu_link", "imu", "camera_link", "camera", "rig", "vehicle")
+"""Frames of devices, by their last names, the likeliest first."""
+_SHARED = ("world", "map", "earth", "mocap", "vicon", "optitrack", "ground_truth")
+"""Roots that several devices may share."""
+_LONGEST_GAP = 1e9
+_LONGEST_CHAIN = 16
+
+
+@dataclass
+class _Edge:
+    """A child in its parent, over time."""
+
+    is_static: bool
+    t: array[float] = field(default_factory=lambda: array("d"))
+    poses: array[float] = field(default_factory=lambda: array("d"))
+
+    def arrays(self) -> tuple[Array, Array]:
+        """(n,) rising stamps and (n, 7) poses."""
+        t, poses = np.array(self.t), np.array(self.poses).reshape(-1, 7)
+        order = np.argsort(t, kind="stable")
+        t, poses = t[order], poses[order]
+        kept = np.append(t[1:] != t[:-1], True) & poses[:, 3:].any(axis=1)
+        poses = poses[kept]
+        return t[kept], np.column_stack([poses[:, :3], normalized_quaternions(poses[:, 3:])])
+
+
+class FrameTrack(NamedTuple):
+    """A body's poses in a frame above it."""
+
+    user: str
+    """Empty where no name tells."""
+    child: str
+    parent: str
+    rows: Array
+    """(n, 8) t x y z qx qy qz qw."""
+
+
+class Transforms:
+    """All transforms of a file; frames of topics in a namespace are that namespace's own."""
+
+    def __init__(self) -> None:
+        self._edges: dict[str, dict[str, _Edge]] = {}
+
+    def add(self, space: str, logged: float, transform: Any, is_static: bool) -> None:
+        """Take one transform of a message."""
+        if isinstance(transform, Mapping):
+            parent, child = transform["parent_frame_id"], transform["child_frame_id"]
+            p, q, stamp = transform["translation"], transform["rotation"], stamp_of(transform["timestamp"])
+            pose = (p["x"], p["y"], p["z"], q["x"], q["y"], q["z"], q["w"])
+        else:
+            parent, child = transform.header.frame_id, transform.child_frame_id
+            p, q = transform.transform.translation, transform.transform.rotation
+            stamp, pose = stamp_of(transform.header.stamp), (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+        ends = [f"{space}/{name.strip('/')}" if space else name.strip("/") for name in (parent, child)]
+        edge = self._edges.setdefault(ends[1], {}).setdefault(ends[0], _Edge(is_static))
+        edge.t.append(stamp or logged)
+        edge.poses.extend(pose)
+
+    def tracks(self) -> list[FrameTrack]:
+        """Of each device one: its likeliest body in the frame above it that is its own."""
+        found: dict[str, FrameTrack] = {}
+        ranks: dict[str, int] = {}
+        for child in sorted(self._edges):
+            name = child.rpartition("/")[2]
+            rank = next((k for k, body in enumerate(BODIES) if name == body or name.endswith(f"_{body}")), None)
+            chain = self._chain(child)
+            if rank is None and not (name and chain and all(not edge.is_static for _, edge in chain[:1])):
+                continue
+            rank = len(BODIES) if rank is None else rank
+            if not any(not edge.is_static for _, edge in chain):
+                continue
+            if rank == len(BODIES) and (name in self._parents() or name in _SHARED):
+                continue
+            user = _user(child, name if rank == len(BODIES) else "")
+            if user in found and ranks[user] <= rank:
+                continue
+            track = self._composed(child, chain)
+            if track is not None:
+                found[user], ranks[user] = FrameTrack(user, *track), rank
+        return list(found.values())
+
+    def _parents(self) -> set[str]:
+        return {parent.rpartition("/")[2] for edges in self._edges.values() for parent in edges}
+
+    def _chain(self, child: str) -> list[tuple[str, _Edge]]:
+        """The frames above a body and how it gets there, up to one that others share, if there is one of its own."""
+        chain: list[tuple[str, _Edge]] = []
+        seen = {child}
+        while child in self._edges and len(chain) < _LONGEST_CHAIN:
+            parent, edge = max(self._edges[child].items(), key=lambda item: len(item[1].t))
+            if parent in seen:
+                break
+            chain.append((parent, edge))
+            seen.add(parent)
+            child = parent
+        moves = [k for k, (_, edge) in enumerate(chain) if not edge.is_static]
+        while len(moves) > 1 and chain[-1][0].rpartition("/")[2] in _SHARED:
+            chain.pop()
+            moves = [k for k, (_, edge) in enumerate(chain) if not edge.is_static]
+        return chain
+
+    def _composed(self, child: str, chain: list[tuple[str, _Edge]]) -> tuple[str, str, Array] | None:
+        """The body's poses in the last frame of a chain, at the stamps of what moves most often in it."""
+        edges = [edge.arrays() for _, edge in chain]
+        moving = [k for k, (_, edge) in enumerate(chain) if not edge.is_static]
+        if not moving or any(not len(t) for t, _ in edges):
+            return None
+        stamps = edges[max(moving, key=lambda k: len(edges[k][0]))][0]
+        position, quat = np.zeros((len(stamps), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1))
+        known = np.ones(len(stamps), dtype=bool)
+        for (_, edge), (t, poses) in zip(chain, edges, strict=True):
+            if edge.is_static or len(t) == 1:
+                p, q = np.tile(poses[-1, :3], (len(stamps), 1)), np.tile(poses[-1, 3:], (len(stamps), 1))
+            else:
+                at = interpolated(t, poses[:, :3], poses[:, 3:], stamps, _LONGEST_GAP)
+                p, q = at.position, at.quat_xyzw
+                known &= at.valid
+            position = p + rotate_by_quaternions(q, position)
+            quat = multiply_quaternions(q, quat)
+        return child, chain[-1][0], np.column_stack([stamps, position, quat])[known]
+
+
+def _user(child: str, name: str) -> str:
+    """A body's namespace: tb1 of tb1/base_link and of tb1_base_link."""
+    space = child.rpartition("/")[0]
+    if space:
+        return space.replace("/", "_")
+    if name:
+        return name
+    found = re.fullmatch(rf"(.+?)[_-]({'|'.join(BODIES)})", child)
+    return found[1] if found else ""
