@@ -66,8 +66,27 @@ FORMATS = (
         writer_extra=("mcap", "mcap.writer"),
     ),
     Format("rosbag", "a bag of ROS 1 or ROS 2", "synchronizar.convert.rosbag", reader_extra="ros", lists=True),
-    Format("pyfg", "a PyFG factor graph, as CORA has it", "synchronizar.convert.pyfg"),
+    Format(
+        "pyfg",
+        "a PyFG factor graph, as CORA has it",
+        "synchronizar.convert.pyfg",
+        writer="synchronizar.convert.pyfg_out:write_pyfg",
+        suffixes=(".pyfg",),
+    ),
     Format("euroc", "EuRoC / ASL csv: # timestamp [ns], position, quaternion w x y z", "synchronizar.convert.euroc"),
+    Format(
+        "tf",
+        "static transforms as YAML: a tf2_msgs/TFMessage",
+        writer="synchronizar.convert.tf_out:write_tf_yaml",
+        suffixes=(".yaml", ".yml"),
+    ),
+    Format(
+        "ros-launch",
+        "static transforms as a launch file of ROS 2",
+        writer="synchronizar.convert.tf_out:write_tf_launch",
+        suffixes=(".py",),
+    ),
+    Format("tum", "a folder of TUM tracks, for evo", writer="synchronizar.convert.tum_out:write_tum_folder"),
 )
 """In the order in which a source is recognised: what is surest first."""
 
