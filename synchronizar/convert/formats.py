@@ -86,6 +86,13 @@ FORMATS = (
         writer="synchronizar.convert.tf_out:write_tf_launch",
         suffixes=(".py",),
     ),
+    Format(
+        "rerun",
+        "a file that rerun shows",
+        writer="synchronizar.convert.rerun_out:write_rerun",
+        suffixes=(".rrd",),
+        writer_extra=("rerun", "rerun"),
+    ),
     Format("tum", "a folder of TUM tracks, for evo", writer="synchronizar.convert.tum_out:write_tum_folder"),
 )
 """In the order in which a source is recognised: what is surest first."""

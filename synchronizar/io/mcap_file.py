@@ -24,24 +24,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.data.range_ends import range_ends
 from synchronizar.data.recording import Recording
+from synchronizar.data.regions import UNKNOWN, Regions, regions_of
 from synchronizar.data.registration import RangeVerdicts, Registration
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Update
 from synchronizar.errors import os_faults
 from synchronizar.io.foxglove_layout import write_layout
 from synchronizar.io.json_values import number_json
-from synchronizar.quaternions import inverse_quaternions, multiply_quaternions, quaternions_of_matrices
+from synchronizar.quaternions import inverse_quaternions, multiply_quaternions
 
 COMMON = "common"
 _SCENE_S = 0.5
 _LINES_S = 0.2
+_LONGEST_GAP_S = 1.0
+"""Between two poses of a track; within a longer one nobody knows where its device was."""
 _LINE_LIST = 2
 """Foxglove's number for lines of which each has two points of its own."""
-_CHI_95 = 2.7955
-"""Square root of the 95 % quantile of the chi-squared distribution with three degrees of freedom."""
-_LEAST_REGION_M, _LARGEST_REGION_M = 0.05, 20.0
 _VERDICT_COLORS = {"used": (0.53, 0.53, 0.53), "rejected": (0.84, 0.37, 0.0), "unknown": (0.34, 0.71, 0.91)}
 _LONGEST_PATH = 5000
 """Poses of a whole way, at most; more are thinned evenly."""
@@ -117,20 +117,6 @@ _COLORS = (
 )
 
 
-class _Regions(NamedTuple):
-    """Where a device was to 95 %, as it was known at n times: ellipsoids in the common frame."""
-
-    since: Array
-    """(n,) s."""
-    size: Array
-    """(n, 3) m: lengths of the axes."""
-    quat_xyzw: Array
-    """(n, 4): the axes' attitude."""
-
-
-_NO_REGIONS = _Regions(np.zeros(1), np.full((1, 3), 0.1), np.array([[0.0, 0.0, 0.0, 1.0]]))
-
-
 class _Message(NamedTuple):
     t: float
     topic: str
@@ -156,7 +142,7 @@ def write_mcap(
     streams: list[Iterable[_Message]] = [_ranges(recording, verdicts), _states(updates)]
     for n, (name, track) in enumerate(sorted(shown.items())):
         parent = frame or f"{name}/slam"
-        regions = _NO_REGIONS if registration is None else _regions(registration, name, updates)
+        regions = UNKNOWN if registration is None else regions_of(registration, name, updates) or UNKNOWN
         streams += [_way(name, track, parent), _moves(name, track, parent), _scene(name, track, regions, n)]
     if registration is not None:
         streams.append(_range_lines(recording, registration, shown))
@@ -241,19 +227,8 @@ def _moves(name: str, track: Track, parent: str) -> Iterator[_Message]:
 
 def _range_lines(recording: Recording, registration: Registration, tracks: Mapping[str, Track]) -> Iterator[_Message]:
     """Every so often the ranges since the last time, as lines between the places of both devices."""
-    ranges, verdicts, names = recording.ranges, registration.ranges, [user.name for user in recording.users]
-    ends = np.full((len(ranges), 2, 3), np.nan)
-    for index, name in enumerate(names):
-        track, user = tracks.get(name), registration.users[name]
-        if track is None:
-            continue
-        for end, who in enumerate((ranges.a, ranges.b)):
-            mine = np.flatnonzero(who == index)
-            if user.static:
-                ends[mine, end] = track.position[0]
-                continue
-            poses = track.at(ranges.t[mine] + (user.clock_offset or 0.0), 1.0)
-            ends[mine[poses.valid], end] = poses.position[poses.valid]
+    ranges, verdicts = recording.ranges, registration.ranges
+    ends = range_ends(ranges, registration, tracks, _LONGEST_GAP_S)
     rows = np.argsort(ranges.t, kind="stable")
     rows = rows[verdicts.usable[rows] & np.isfinite(ends[rows]).all(axis=(1, 2))]
     if not len(rows):
@@ -289,7 +264,7 @@ def _entity(t: float, frame: str, name: str, lifetime: float, frame_locked: bool
     }
 
 
-def _scene(name: str, track: Track, regions: _Regions, n: int) -> Iterator[_Message]:
+def _scene(name: str, track: Track, regions: Regions, n: int) -> Iterator[_Message]:
     """Its name above it, and the 95 % region of its place about it; a small ball where nothing is known of it."""
     color = _COLORS[n % len(_COLORS)]
     above = {"position": _xyz([0.0, 0.0, 0.3]), "orientation": _xyzw([0.0, 0.0, 0.0, 1.0])}
@@ -311,20 +286,6 @@ def _scene(name: str, track: Track, regions: _Regions, n: int) -> Iterator[_Mess
         ball = {"pose": place, "size": _xyz(size), "color": _rgba(color, 0.35)}
         entity = _entity(t, name, name, 2.0 * _SCENE_S, frame_locked=True) | {"texts": [label], "spheres": [ball]}
         yield _Message(t, "/scene", "foxglove.SceneUpdate", {"deletions": [], "entities": [entity]})
-
-
-def _regions(registration: Registration, name: str, updates: Sequence[Update]) -> _Regions:
-    """The 95 % regions of a place, as known at each update; of a whole walk's answer one for all times."""
-    found = [(update.t, update.users[name].covariance) for update in updates]
-    if not updates:
-        found = [(-np.inf, registration.users[name].covariance)]
-    known = [(t, of[:3, :3]) for t, of in found if of is not None and np.isfinite(of[:3, :3]).all()]
-    if not known:
-        return _NO_REGIONS
-    variances, axes = np.linalg.eigh(np.array([of for _, of in known]))
-    axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]  # rotations, no mirror images
-    size = np.clip(2.0 * _CHI_95 * np.sqrt(np.maximum(variances, 0.0)), _LEAST_REGION_M, _LARGEST_REGION_M)
-    return _Regions(np.array([t for t, _ in known]), size, quaternions_of_matrices(axes))
 
 
 def _known(value: dict[str, Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from synchronizar.arrays import Array
+from synchronizar.data.range_ends import range_ends
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
@@ -81,20 +82,7 @@ class Answer:
 
     def ends(self, rows: NDArray[np.intp]) -> Array:
         """(n, 2, 3) m, common frame: positions of both devices at n of the ranges; NaN where unknown."""
-        t = self.ranges.t[rows]
-        positions = np.full((len(rows), 2, 3), np.nan)
-        for index, name in enumerate(self.names):
-            track = self.tracks.get(name)
-            if track is None:
-                continue
-            for end, who in enumerate((self.ranges.a[rows], self.ranges.b[rows])):
-                mine = np.flatnonzero(who == index)
-                if self.registration.users[name].static:
-                    positions[mine, end] = track.position[0]
-                else:
-                    poses = track.at(t[mine] + self.clock_offset(name), np.inf)
-                    positions[mine[poses.valid], end] = poses.position[poses.valid]
-        return positions
+        return range_ends(self.ranges.select(rows), self.registration, self.tracks, np.inf)
 
 
 def read_answer(folder: Path, recording: Recording) -> Answer:
