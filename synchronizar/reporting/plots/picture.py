@@ -15,6 +15,7 @@ from synchronizar.reporting.plots.walks import draw_walks, symbols
 
 SIZE_IN = (16.0, 10.0)
 ROWS_PER_COLUMN = 22
+ROWS_IN_LARGE_PRINT = 14
 MOST_LISTED = 2 * ROWS_PER_COLUMN
 
 
@@ -55,12 +56,18 @@ def _draw_users(ax: Axes, answer: Answer, of_user: dict[str, Style]) -> None:
         alignment="left",
         loc="upper left",
         ncols=-(-len(captions) // ROWS_PER_COLUMN),
-        fontsize=9 if len(captions) <= ROWS_PER_COLUMN else 6.5,
+        fontsize=_font_size(len(captions)),
+        labelspacing=0.3,
         borderpad=0.8,
         borderaxespad=0.0,
         columnspacing=0.8,
     )
     legend.set_in_layout(False)  # else a long name would narrow the map
+
+
+def _font_size(rows: int) -> float:
+    """So that the list ends above the symbols."""
+    return 9.0 if rows <= ROWS_IN_LARGE_PRINT else 7.5 if rows <= ROWS_PER_COLUMN else 6.5
 
 
 def _sample(style: Style, static: bool) -> Line2D:
