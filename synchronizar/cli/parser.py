@@ -166,6 +166,8 @@ def _add_convert(commands: Any, command: Command) -> None:
     said.add_argument("--length-unit", choices=tuple(LENGTH_UNITS), help="of positions")
     said.add_argument("--range-unit", choices=tuple(LENGTH_UNITS), help="of ranges")
     said.add_argument("--time-unit", choices=tuple(TIME_UNITS), help="of stamps")
+    said.add_argument("--time-offset", type=float, default=0.0, metavar="S", help="added to all stamps (s)")
+    said.add_argument("--rate", type=_speed, metavar="HZ", help="lines a second of a log without stamps")
     said.add_argument("--angle-unit", choices=ANGLE_UNITS, help="of angles, where attitudes are some")
     said.add_argument("--quaternion", choices=("xyzw", "wxyz"), help="order of a quaternion's columns")
     said.add_argument("--stamps", choices=STAMPS, help="a message's own stamp, or when it was logged")
@@ -244,7 +246,7 @@ def _port(text: str) -> int:
 def _speed(text: str) -> float:
     speed = float(text)
     if not speed > 0.0:
-        raise argparse.ArgumentTypeError("a speed is a number above 0")
+        raise argparse.ArgumentTypeError("it must be a number above 0")
     return speed
 
 

@@ -29,6 +29,10 @@ class Asked:
     """Of positions."""
     range_unit: str | None = None
     time_unit: str | None = None
+    time_offset: float = 0.0
+    """s: added to all stamps."""
+    rate: float | None = None
+    """Hz: lines of a log that has no stamps."""
     angle_unit: str | None = None
     quaternion: str | None = None
     """wxyz or xyzw."""

@@ -58,22 +58,37 @@ class Format:
 
 
 FORMATS = (
+    Format("rosbag", "a bag of ROS 1 or ROS 2", "synchronizar.convert.rosbag", reader_extra="ros", lists=True),
     Format(
         "mcap",
         "an MCAP file",
-        writer="synchronizar.io.mcap_file:write_mcap",
+        "synchronizar.convert.mcap",
+        "synchronizar.io.mcap_file:write_mcap",
         suffixes=(".mcap",),
+        reader_extra="mcap,ros",
         writer_extra=("mcap", "mcap.writer"),
+        lists=True,
     ),
-    Format("rosbag", "a bag of ROS 1 or ROS 2", "synchronizar.convert.rosbag", reader_extra="ros", lists=True),
     Format(
         "pyfg",
         "a PyFG factor graph, as CORA has it",
         "synchronizar.convert.pyfg",
-        writer="synchronizar.convert.pyfg_out:write_pyfg",
+        "synchronizar.convert.pyfg_out:write_pyfg",
         suffixes=(".pyfg",),
     ),
+    Format("dwm1001", "a log of a DWM1001's `les` or `lec`", "synchronizar.convert.dwm1001"),
+    Format("nooploop", "a log of Nooploop LinkTrack frames", "synchronizar.convert.nooploop"),
+    Format("pozyx", "a log of Pozyx ranges", "synchronizar.convert.pozyx"),
     Format("euroc", "EuRoC / ASL csv: # timestamp [ns], position, quaternion w x y z", "synchronizar.convert.euroc"),
+    Format("kitti", "KITTI poses, with times", "synchronizar.convert.kitti"),
+    Format("phone", "poses of an ARKit or ARCore recorder", "synchronizar.convert.phones"),
+    Format(
+        "tum",
+        "a TUM track: t x y z qx qy qz qw; of a recording a folder of them, for evo",
+        "synchronizar.convert.tum",
+        "synchronizar.convert.tum_out:write_tum_folder",
+    ),
+    Format("csv", "a table with a header", "synchronizar.convert.csv"),
     Format(
         "tf",
         "static transforms as YAML: a tf2_msgs/TFMessage",
@@ -93,7 +108,6 @@ FORMATS = (
         suffixes=(".rrd",),
         writer_extra=("rerun", "rerun"),
     ),
-    Format("tum", "a folder of TUM tracks, for evo", writer="synchronizar.convert.tum_out:write_tum_folder"),
 )
 """In the order in which a source is recognised: what is surest first."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
@@ -66,11 +67,20 @@ def read_parts(path: Path, parts: list[Part], unknown: list[Path], asked: Asked,
         name = str(part.path.relative_to(path)) if part.path != path else path.name
         read[name] = reading.read(part.path, asked, stage(progress, k / len(parts), (k + 1) / len(parts)))
     whole = merged(read)
+    _shift(whole, asked.time_offset)
     if unknown:
         whole.note(
             f"of no format that is known, and left out: {listed([str(file.relative_to(path)) for file in unknown])}"
         )
     return whole
+
+
+def _shift(imported: Imported, offset: float) -> None:
+    """Add an offset (s) to all stamps."""
+    if offset:
+        for rows in imported.tracks.values():
+            rows[:, 0] += offset
+        imported.ranges.t = array("d", (t + offset for t in imported.ranges.t))
 
 
 def listing(part: Part, asked: Asked) -> str:

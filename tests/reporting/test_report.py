@@ -15,6 +15,7 @@ import pytest
 from experiments.live import browser
 from synchronizar.cli import main
 from synchronizar.data.recording import Recording
+from synchronizar.data.registration import State
 from synchronizar.data.updates import Replay
 from synchronizar.errors import InputError
 from synchronizar.estimation.incremental.replay import replay
@@ -304,3 +305,59 @@ def test_an_answer_without_any_range_is_shown(chromium: Any, recording: Recordin
     write_registration(register(silent), silent, tmp_path)
     _, complaints = opened(chromium, write_report(silent, tmp_path, "walk"))
     assert complaints == []
+
+
+# How it looks
+
+
+def brightness(colour: str) -> float:
+    """Relative luminance, by WCAG 2.1."""
+    parts = [int(colour[n : n + 2], 16) / 255 for n in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+def contrast(colour: str, ground: str) -> float:
+    low, high = sorted((brightness(colour), brightness(ground)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_names_can_be_read_and_lines_be_seen(dark: bool) -> None:
+    light, _, rest = (PAGE / "report.css").read_text().partition("@media screen")
+    colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6});", rest if dark else light))
+    for name, colour in colours.items():
+        least = 4.5 if re.fullmatch(r"u\d|ink|quiet|accent", name) else 2.99 if re.fullmatch(r"r\d", name) else 1.0
+        assert contrast(colour, colours["ground"]) >= least, name
+
+
+# Matrices of Machado, Oliveira and Fernandes (2009) for linear colours: nobody sees red, green or blue.
+BLIND = {
+    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+
+
+def seen(colour: str, matrix: list[list[float]]) -> np.ndarray:
+    parts = np.array([int(colour[n : n + 2], 16) / 255 for n in (1, 3, 5)])
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    blind = np.clip(np.array(matrix) @ linear, 0.0, 1.0)
+    # CIE L*a*b*, whose distances are about those that people see.
+    xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ blind
+    f = np.cbrt(np.maximum(xyz / [0.9505, 1.0, 1.089], 0.008856))
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("kind", BLIND)
+@pytest.mark.parametrize("dark", [False, True])
+def test_too_short_is_told_from_too_long_and_states_from_each_other_by_the_colour_blind(kind: str, dark: bool) -> None:
+    light, _, rest = (PAGE / "report.css").read_text().partition("@media screen")
+    colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6});", rest if dark else light))
+    shades = [seen(colours[f"r{n}"], BLIND[kind]) for n in range(7)]
+    for short in (0, 1, 2):
+        for long in (4, 5, 6):
+            assert np.linalg.norm(shades[short] - shades[long]) > 15.0
+    states = [seen(colours[state.value], BLIND[kind]) for state in State]
+    for n, one in enumerate(states):
+        assert all(np.linalg.norm(one - other) > 10.0 for other in states[:n])
