@@ -11,6 +11,7 @@ import numpy as np
 from synchronizar.arrays import Array, Indices
 from synchronizar.convert.asked import Asked
 from synchronizar.convert.imported import Imported
+from synchronizar.convert.mapping import Radio, mapped
 from synchronizar.convert.stillness import moves
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
@@ -37,6 +38,7 @@ def assemble(place: str, imported: Imported, asked: Asked) -> Assembled:
 
     Raises InputError, which names `place`, where nothing is left or a name cannot be a user's.
     """
+    _carry(imported, mapped(asked).radios)
     _rename(place, imported, asked)
     tracks = {name: rows for name, rows in imported.tracks.items() if name not in asked.static}
     usable = {name: _usable(imported, f"{name}'s track", rows) for name, rows in tracks.items()}
@@ -52,6 +54,21 @@ def assemble(place: str, imported: Imported, asked: Asked) -> Assembled:
         imported.note(f"the truth of {listed(strangers)}, with neither a track nor ranges, is left out")
     true = {name: track_of_rows(rows, users[name].up) for name, rows in of_users.items()}
     return Assembled(Recording(in_order, made, _ranges(place, imported, in_order)), true)
+
+
+def _carry(imported: Imported, radios: Mapping[str, Radio]) -> None:
+    """Radios as the map has them: their ranges become those of the devices that carry them."""
+    ranges = imported.ranges
+    for names, antennas in ((ranges.a, ranges.antenna_a), (ranges.b, ranges.antenna_b)):
+        for k, name in enumerate(names):
+            if name in radios:
+                names[k] = radios[name].user
+                antennas[k] = radios[name].antenna or antennas[k]
+    for radio in radios.values():
+        user = imported.users.get(radio.user, User(radio.user))
+        if radio.lever is not None:
+            levers = {**user.antennas, radio.antenna: radio.lever}
+            imported.users[radio.user] = replace(user, antennas=levers)
 
 
 def _rename(place: str, imported: Imported, asked: Asked) -> None:

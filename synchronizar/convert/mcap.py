@@ -22,7 +22,7 @@ from synchronizar.convert.asked import Asked
 from synchronizar.convert.fields import Field, Topic, json_fields
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import mapped
-from synchronizar.convert.messages import imported_of
+from synchronizar.convert.messages import broken, imported_of
 from synchronizar.convert.messages import listing as listing_of
 from synchronizar.convert.ros_types import fields_of, short_type, store_of
 from synchronizar.convert.source import Source
@@ -30,6 +30,7 @@ from synchronizar.errors import InputError, os_faults
 from synchronizar.progress import Progress
 
 MAGIC = b"\x89MCAP0\r\n"
+REMEDY = "`mcap recover` mends some"
 _ROS = {"ros1msg": ("msg", 1), "ros2msg": ("msg", 2), "ros2idl": ("idl", 2)}
 
 
@@ -107,10 +108,18 @@ class _File:
 
     def read(self, names: Collection[str]) -> Iterator[tuple[str, float, Any, float]]:
         """As `Messages.read`."""
-        for _, channel, message in self._reader.iter_messages(topics=list(names)):
-            if channel.id in self._decoders:
+        messages = self._reader.iter_messages(topics=list(names))
+        while True:
+            with broken(self._path, REMEDY):
+                found = next(messages, None)
+                if found is None:
+                    return
+                _, channel, message = found
+                decode = self._decoders.get(channel.id)
+                value = None if decode is None else decode(message.data)
+            if value is not None:
                 share = (message.log_time - self._begin) / self._span
-                yield channel.topic, 1e-9 * message.log_time, self._decoders[channel.id](message.data), share
+                yield channel.topic, 1e-9 * message.log_time, value, share
 
 
 def _of_ros(store: Any, name: str, ros: int) -> Callable[[bytes], Any]:
@@ -120,16 +129,9 @@ def _of_ros(store: Any, name: str, ros: int) -> Callable[[bytes], Any]:
 
 @contextmanager
 def _opened(path: Path, asked: Asked) -> Iterator[_File]:
-    import struct
-    import zlib
-
-    from mcap.exceptions import McapError
+    import mcap.reader  # noqa: F401  (its absence is told before the file is blamed)
 
     with os_faults(path), path.open("rb") as stream:
-        try:
-            yield _File(path, stream, asked)
-        except InputError:
-            raise
-        except (McapError, struct.error, zlib.error, ValueError, KeyError, IndexError, RuntimeError) as error:
-            fault = str(error).rstrip(".") or type(error).__name__
-            raise InputError(path, f"is broken, or no MCAP file: {fault} (`mcap recover` mends some)") from error
+        with broken(path, REMEDY):
+            file = _File(path, stream, asked)
+        yield file

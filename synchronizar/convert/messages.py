@@ -5,7 +5,8 @@ from __future__ import annotations
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,6 +29,18 @@ LONGEST_RANGE = 300.0
 _CLOCKS_AGREE = 1.0
 """s: stamps that differ more from when they were logged than others' do are of another clock."""
 _STEP = 5000
+
+
+@contextmanager
+def broken(path: Path, remedy: str) -> Iterator[None]:
+    """Whatever the libraries that decode a file raise where it is broken, as an InputError that names it."""
+    try:
+        yield
+    except (InputError, ModuleNotFoundError, MemoryError):
+        raise
+    except Exception as error:
+        fault = str(error).rstrip(".") or type(error).__name__
+        raise InputError(path, f"is broken: {fault} ({remedy})") from error
 
 
 class Messages(Protocol):
@@ -333,14 +346,18 @@ def _name_radios(imported: Imported, said: Mapped, asked: Asked) -> None:
     free = sorted(known - set(of.values()) - taken)
     if len(free) == 1 and len(ends) == 1 and strangers and next(iter(ends)) in strangers:
         of[next(iter(ends))] = free[0]
+    if "?" in ends and "?" not in of:
+        unclear = sum(name == "?" for name in ranges.a)
+        imported.note(
+            f"{unclear} ranges do not say who measured them and are left out (--topic 'NAME a=DEVICE' says it)"
+        )
+        imported.ranges = ranges = ranges.rows([k for k, name in enumerate(ranges.a) if name != "?"])
     renamed = {radio: user for radio, user in of.items() if radio != user}
     if renamed:
         pairs = [f"{radio} = {user}" for radio, user in sorted(renamed.items())]
         imported.note(f"radios are taken to be those of the devices with the same number or name: {listed(pairs)}")
         ranges.a = [renamed.get(name, name) for name in ranges.a]
         ranges.b = [renamed.get(name, name) for name in ranges.b]
-    with suppress(KeyError):
-        del imported.users["?"]
 
 
 def _tell(imported: Imported, roles: Roles) -> None:

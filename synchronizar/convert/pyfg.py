@@ -70,6 +70,8 @@ class _Graph:
     robot_of: dict[str, str] = field(default_factory=dict)
     """Whose each pose is."""
     landmarks: dict[str, list[float]] = field(default_factory=dict)
+    steps: list[tuple[int, str, str, list[float]]] = field(default_factory=list)
+    """Line, the two poses, and the second in the first."""
     ranges: list[tuple[int, float, str, str, float, float]] = field(default_factory=list)
     """Line, t, the two vertices, range and variance."""
     not_read: Counter[str] = field(default_factory=Counter)
@@ -129,6 +131,14 @@ def _graph(path: Path, progress: Progress) -> _Graph:
                 _take(path, number, words, graph)
     if not graph.robots and not graph.landmarks:
         raise InputError(path, "has no vertex: no VERTEX_SE2, VERTEX_SE3:QUAT, VERTEX_XY or VERTEX_XYZ")
+    for number, a, b, step in graph.steps:
+        for vertex in (a, b):
+            if vertex not in graph.robot_of:
+                raise InputError(path, f"an edge of {quoted(vertex)}, which is no pose of this file", number)
+        if graph.robot_of[a] == graph.robot_of[b]:
+            graph.robots[graph.robot_of[a]].steps[a, b] = step
+        else:
+            graph.not_read["edges between robots"] += 1
     progress(1.0)
     return graph
 
@@ -152,16 +162,8 @@ def _take(path: Path, line: int, words: list[str], graph: _Graph) -> None:
         numbers = _numbers(path, line, words, place + 1, _POINTS[kind])
         graph.landmarks[_at(path, line, words, place)] = [*numbers, 0.0][:3]
     elif kind in _ODOMETRY:
-        a, b = _at(path, line, words, 2), _at(path, line, words, 3)
-        robot = graph.robot_of.get(a) or ""
-        if robot and robot == graph.robot_of.get(b):
-            step = _pose(path, line, _numbers(path, line, words, 4, _ODOMETRY[kind]))
-            graph.robots[robot].steps[a, b] = step
-        else:
-            for vertex in (a, b):
-                if vertex not in graph.robot_of:
-                    raise InputError(path, f"an edge of {quoted(vertex)}, which is no pose before it", line)
-            graph.not_read["edges between robots"] += 1
+        step = _pose(path, line, _numbers(path, line, words, 4, _ODOMETRY[kind]))
+        graph.steps.append((line, _at(path, line, words, 2), _at(path, line, words, 3), step))
     elif kind.startswith("EDGE_RANGE"):
         t = _numbers(path, line, words, 1, 1)[0]
         distance = _numbers(path, line, words, 4, 1)[0]

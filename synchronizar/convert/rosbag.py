@@ -26,15 +26,16 @@ from synchronizar.convert.asked import Asked
 from synchronizar.convert.fields import Topic
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import mapped
-from synchronizar.convert.messages import imported_of
+from synchronizar.convert.messages import broken, imported_of
 from synchronizar.convert.messages import listing as listing_of
 from synchronizar.convert.ros_types import fields_of, short_type, store_of
 from synchronizar.convert.source import Source
-from synchronizar.errors import InputError, os_faults
+from synchronizar.errors import os_faults
 from synchronizar.progress import Progress
 
 ROS1 = b"#ROSBAG V2.0"
 SQLITE = b"SQLite format 3\0"
+REMEDY = "`ros2 bag reindex` or `rosbag reindex` mends some"
 
 
 def recognises(source: Source) -> bool:
@@ -59,7 +60,7 @@ def read(path: Path, asked: Asked, progress: Progress) -> Imported:
 class _Bag:
     """A bag of either kind, open."""
 
-    def __init__(self, reader: Any, ros: int, asked: Asked) -> None:
+    def __init__(self, path: Path, reader: Any, ros: int, asked: Asked) -> None:
         from rosbags.interfaces import MessageDefinitionFormat
 
         definitions = [
@@ -67,7 +68,7 @@ class _Bag:
             for c in reader.connections
             if c.msgdef.format != MessageDefinitionFormat.NONE
         ]
-        self._reader = reader
+        self._path, self._reader = path, reader
         store = store_of(definitions, ros, mapped(asked).types)
         self._decode = store.deserialize_ros1 if ros == 1 else store.deserialize_cdr
         self._begin, self._span = reader.start_time, max(reader.duration, 1)
@@ -82,31 +83,30 @@ class _Bag:
     def read(self, names: Collection[str]) -> Iterator[tuple[str, float, Any, float]]:
         """As `Messages.read`."""
         connections = [c for c in self._reader.connections if c.topic in names]
-        for connection, logged, data in self._reader.messages(connections=connections):
-            message = self._decode(data, connection.msgtype)
+        messages = self._reader.messages(connections=connections)
+        while True:
+            with broken(self._path, REMEDY):
+                found = next(messages, None)
+                if found is None:
+                    return
+                connection, logged, data = found
+                message = self._decode(data, connection.msgtype)
             yield connection.topic, 1e-9 * logged, message, (logged - self._begin) / self._span
 
 
 @contextmanager
 def _opened(path: Path, asked: Asked) -> Iterator[_Bag]:
-    import sqlite3
-    import struct
-
     from rosbags.rosbag1 import Reader as Reader1
-    from rosbags.rosbag1 import ReaderError as Error1
     from rosbags.rosbag2 import Reader as Reader2
-    from rosbags.rosbag2 import ReaderError as Error2
-    from rosbags.serde.errors import SerdeError
 
     with os_faults(path):
         ros = 1 if not path.is_dir() and path.open("rb").read(len(ROS1)) == ROS1 else 2
+    with broken(path, REMEDY):
+        reader = Reader1(path) if ros == 1 else Reader2(path)
+        reader.open()
     try:
-        with os_faults(path), Reader1(path) if ros == 1 else Reader2(path) as reader:
-            yield _Bag(reader, ros, asked)
-    except InputError:
-        raise
-    except (Error1, Error2, SerdeError, sqlite3.Error, struct.error, AssertionError, KeyError, IndexError) as error:
-        fault = str(error).rstrip(".") or type(error).__name__
-        raise InputError(
-            path, f"is broken, or no bag: {fault} (`ros2 bag reindex` or `rosbag reindex` mends some)"
-        ) from error
+        with broken(path, REMEDY):
+            bag = _Bag(path, reader, ros, asked)
+        yield bag
+    finally:
+        reader.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,10 +21,11 @@ def read_numbers(
     `names` says what the columns are, for a message. With `more`, further columns are not read. Blank lines and what
     follows a # are skipped. Raises InputError that names the line where it is not that many numbers.
     """
-    with os_faults(path), open_text(path) as file:
+    with os_faults(path), open_text(path) as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a file without numbers, which is refused below
         try:
             rows = np.loadtxt(file, delimiter=separator, ndmin=2, usecols=range(columns) if more else None)
-        except (ValueError, IndexError, UserWarning):
+        except (ValueError, IndexError):
             rows = np.zeros((0, 0))
     if not len(rows) or rows.shape[1] != columns:
         raise _fault(path, names, columns, separator, more)
