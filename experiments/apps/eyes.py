@@ -31,9 +31,9 @@ from experiments.common.results import as_lines
 from experiments.live import browser
 from experiments.live.screenshots import looking_at_others, renamed
 from experiments.live.walkers import server, walk
+from synchronizar.apps.bodies import camera
+from synchronizar.apps.bodies.drive import Ground
 from synchronizar.apps.eyes.scan import CELL_M, FLOOR, SCAN, Cube, Sightings, cells_of, middles
-from synchronizar.apps.robot import camera
-from synchronizar.apps.robot.drive import Ground
 from synchronizar.apps.stills import Stills
 from synchronizar.arrays import Array
 from synchronizar.geometry import YawFrame

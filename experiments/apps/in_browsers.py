@@ -29,11 +29,11 @@ from experiments.common.markdown import markdown
 from experiments.live import browser
 from experiments.live.room import CRYSTAL_PPM, STAMP_SIGMA, TICK_S, drifting, place_at
 from experiments.live.walkers import ranges_between, say_ranges, server
+from synchronizar.apps.bodies.body import SimulatedBody
+from synchronizar.apps.bodies.drive import Drive, Ground, Twist
 from synchronizar.apps.catch.game import BALL
 from synchronizar.apps.robot.__main__ import SETTINGS
-from synchronizar.apps.robot.body import SimulatedBody
 from synchronizar.apps.robot.client import RobotClient
-from synchronizar.apps.robot.drive import Drive, Ground, Twist
 from synchronizar.apps.treasure.game import THING
 from synchronizar.data.track import Track
 from synchronizar.live import messages as m

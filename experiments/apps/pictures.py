@@ -24,11 +24,11 @@ from PIL import Image
 from experiments.live import browser
 from experiments.live.screenshots import NAMES, renamed
 from experiments.live.walkers import server, walk
+from synchronizar.apps.bodies.body import SimulatedBody
+from synchronizar.apps.bodies.drive import Drive, Ground, Twist
 from synchronizar.apps.catch.game import BALL
 from synchronizar.apps.robot.__main__ import SETTINGS
-from synchronizar.apps.robot.body import SimulatedBody
 from synchronizar.apps.robot.client import RobotClient
-from synchronizar.apps.robot.drive import Drive, Ground, Twist
 from synchronizar.geometry import wrap_angle
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client

@@ -24,10 +24,10 @@ import numpy as np
 from experiments.common.markdown import markdown
 from experiments.live.room import STAMP_SIGMA, Walkers, block, carry, listen, module_key, own_axes, place_at, up_of
 from experiments.live.walkers import server
+from synchronizar.apps.bodies.body import SimulatedBody
+from synchronizar.apps.bodies.drive import Drive, Ground, Twist
 from synchronizar.apps.robot.__main__ import SETTINGS
-from synchronizar.apps.robot.body import SimulatedBody
 from synchronizar.apps.robot.client import RobotClient
-from synchronizar.apps.robot.drive import Drive, Ground, Twist
 from synchronizar.apps.robot.mirror import Mirror, mirror_between
 from synchronizar.arrays import Array
 from synchronizar.geometry import frame_between, rotation_2d, wrap_angle

@@ -19,7 +19,7 @@ import numpy as np
 
 from experiments.common.results import FOLDER, write_table
 from experiments.common.study import figure
-from synchronizar.apps.robot.drive import STOP, Drive, Ground
+from synchronizar.apps.bodies.drive import STOP, Drive, Ground
 from synchronizar.apps.robot.mirror import mirror_between
 from synchronizar.apps.robot.pilot import Pilot
 from synchronizar.arrays import Array

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from support.house import House
 
 from experiments.apps.robot_among_people import Walked, walk
-from synchronizar.apps.robot.body import RosbridgeBody, SimulatedBody
-from synchronizar.apps.robot.drive import STOP, Drive, DriveLimits, Ground, Twist
+from synchronizar.apps.bodies.body import RosbridgeBody, SimulatedBody
+from synchronizar.apps.bodies.drive import STOP, Drive, DriveLimits, Ground, Twist
+from synchronizar.apps.bodies.steering import Goal, Person, SteeringParameters, may_move, steer
 from synchronizar.apps.robot.game import Robots, order_id
 from synchronizar.apps.robot.mirror import Mirror, beside, mirror_between
 from synchronizar.apps.robot.pilot import Pilot
-from synchronizar.apps.robot.steering import Goal, Person, SteeringParameters, may_move, steer
 from synchronizar.errors import InputError
 from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.live import messages as m

@@ -13,10 +13,10 @@ import pytest
 from apps.test_robot import Called
 from PIL import Image
 
+from synchronizar.apps.bodies.body import EYES_TOPIC, RosbridgeBody, SimulatedBody
+from synchronizar.apps.bodies.camera import COLOURS, HALF, HEIGHT, WIDTH, picture, view
+from synchronizar.apps.bodies.drive import Drive, Ground
 from synchronizar.apps.looks import LOOK, looks_of
-from synchronizar.apps.robot.body import EYES_TOPIC, RosbridgeBody, SimulatedBody
-from synchronizar.apps.robot.camera import COLOURS, HALF, HEIGHT, WIDTH, picture, view
-from synchronizar.apps.robot.drive import Drive, Ground
 from synchronizar.apps.robot.pilot import Pilot
 from synchronizar.apps.stills import ASKS_EVERY_S, EVERY_S, LARGEST, Stills, View, jpeg_of, shrunk
 from synchronizar.live import messages as m

@@ -7,7 +7,7 @@ import asyncio
 import sys
 from contextlib import suppress
 
-from synchronizar.apps.robot.body import EYES_TOPIC, RosbridgeBody
+from synchronizar.apps.bodies.body import EYES_TOPIC, RosbridgeBody
 from synchronizar.apps.robot.client import RobotClient
 from synchronizar.errors import InputError
 from synchronizar.live.client import Client

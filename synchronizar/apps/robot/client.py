@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from math import inf
 
-from synchronizar.apps.robot.body import Body, Odometry
-from synchronizar.apps.robot.drive import STOP, Ground, Twist
+from synchronizar.apps.bodies.body import Body, Odometry
+from synchronizar.apps.bodies.drive import STOP, Ground, Twist
 from synchronizar.apps.robot.game import order_id
 from synchronizar.apps.robot.mirror import Mirror
 from synchronizar.apps.robot.pilot import Pilot

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from synchronizar.apps.bodies.drive import Ground
 from synchronizar.apps.looks import LOOK, Looks
-from synchronizar.apps.robot.drive import Ground
 from synchronizar.apps.robot.mirror import mirror_between
 from synchronizar.live.applications import Application
 from synchronizar.live.stage import Player, Stage, heading_of

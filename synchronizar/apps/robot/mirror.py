@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import atan2, cos, hypot, pi, sin
 from typing import NamedTuple
 
-from synchronizar.apps.robot.drive import Ground
+from synchronizar.apps.bodies.drive import Ground
 from synchronizar.geometry import wrap_angle
 
 

@@ -6,9 +6,9 @@ from collections import deque
 from dataclasses import dataclass, field
 from math import inf
 
-from synchronizar.apps.robot.drive import STOP, Ground, Twist
+from synchronizar.apps.bodies.drive import STOP, Ground, Twist
+from synchronizar.apps.bodies.steering import Goal, Person, Plane, SteeringParameters, may_move, steer
 from synchronizar.apps.robot.mirror import Mirror, beside
-from synchronizar.apps.robot.steering import Goal, Person, Plane, SteeringParameters, may_move, steer
 
 _SPEED_OVER_S = 0.2
 """s over which somebody's speed is measured."""

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, Protocol
 import aiohttp
 import msgspec
 
-from synchronizar.apps.robot import camera
-from synchronizar.apps.robot.drive import Drive, Ground, Twist
+from synchronizar.apps.bodies import camera
+from synchronizar.apps.bodies.drive import Drive, Ground, Twist
 from synchronizar.apps.stills import View, shrunk
 from synchronizar.errors import InputError
 from synchronizar.live.messages import Quaternion, Vector

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from synchronizar.apps.robot.drive import Ground
+from synchronizar.apps.bodies.drive import Ground
 from synchronizar.apps.stills import View, jpeg_of
 from synchronizar.arrays import Array
 from synchronizar.quaternions import rotate_by_quaternions, yaw_quaternion

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import cos, hypot, sin
 from typing import NamedTuple
 
-from synchronizar.apps.robot.drive import Ground, Twist
+from synchronizar.apps.bodies.drive import Ground, Twist
 from synchronizar.geometry import wrap_angle
 
 Plane = tuple[float, float]
