@@ -60,7 +60,7 @@ SAMPLE_M, REACH_M, FIELD_RAD = 0.05, 4.0, 0.7
 EVERY_S = 0.5
 KNOWN_M = 0.15
 """m: as phones do it, who is known less well adds nothing."""
-WALKS_S = 1.2
+WALKS_S = 3.5
 SHELF = ((-0.6, 0.0, -0.2), (0.6, 1.6, 0.2))
 """m: of the stored scan, y up."""
 LOG = """() => {
@@ -92,7 +92,18 @@ ON_SCREEN = """(() => {
   const ahead = [1 - 2 * (qy2 * qy2 + qz2 * qz2), 2 * (qx2 * qy2 + qw2 * qz2), 2 * (qx2 * qz2 - qw2 * qy2)];
   const [sx, , sz] = [0, 1, 2].map((i) => m[i] * ahead[0] + m[4 + i] * ahead[1] + m[8 + i] * ahead[2]);
   if (Math.abs(sx * dx + sz * dz) < 0.75 * distance * Math.hypot(sx, sz)) return false;
-  return distance > 0.8 && distance < 3 && (dx * fx + dz * fz) / distance > 0.97;
+  if (distance < 0.8 || distance > 3 || (dx * fx + dz * fz) / distance < 0.98) return false;
+  // A picture takes its time on a busy machine: all of it stays as it is until then.
+  const [placing, here, walks] = [frame.step(0, "things"), [x, y, z, qx, qy, qz, qw], phone.place];
+  const before = [frame.step, avatars.update, app.update];
+  Object.assign(phone, { place: () => here });
+  frame.step = () => placing;
+  avatars.update = app.update = () => {};
+  globalThis.goOn = () => {
+    phone.place = walks;
+    [frame.step, avatars.update, app.update] = before;
+  };
+  return true;
 })()"""
 NOTE = """() => {
   const { client } = synchronizar;
@@ -286,6 +297,7 @@ async def photograph(room: Any, phone: Any, out: Path) -> None:
     with suppress(TimeoutError):
         await browser.until(phone, ON_SCREEN, 30.0)
     await phone.screenshot(path=out / "eyes_phone.png")
+    await phone.evaluate("globalThis.goOn?.()")
 
 
 async def model_alone(simulation: Simulation, seconds: float) -> dict[str, Any]:
