@@ -60,6 +60,7 @@ SAMPLE_M, REACH_M, FIELD_RAD = 0.05, 4.0, 0.7
 EVERY_S = 0.5
 KNOWN_M = 0.15
 """m: as phones do it, who is known less well adds nothing."""
+WALKS_S = 3.5
 SHELF = ((-0.6, 0.0, -0.2), (0.6, 1.6, 0.2))
 """m: of the stored scan, y up."""
 LOG = """() => {
@@ -76,7 +77,7 @@ LOG = """() => {
 }"""
 # Whether the other's view is near the middle of the phone's screen, and the phone is in place.
 ON_SCREEN = """(() => {
-  const { app, frame, stage } = synchronizar;
+  const { app, avatars, frame, stage } = synchronizar;
   const at = app.places.Ben;
   if (!at || !frame.registered || frame.opacity < 1) return false;
   const m = stage.common.matrix.elements;
@@ -86,8 +87,33 @@ ON_SCREEN = """(() => {
   const there = [0, 1, 2].map((i) => m[i] * at[0] + m[4 + i] * at[1] + m[8 + i] * at[2] + m[12 + i]);
   const [dx, dz] = [there[0] - x, there[2] - z];
   const distance = Math.hypot(dx, dz);
-  return distance > 0.8 && distance < 3 && (dx * fx + dz * fz) / distance > 0.97;
+  // And not from the side.
+  const [qx2, qy2, qz2, qw2] = avatars.placeOf("Ben").quat_xyzw;
+  const ahead = [1 - 2 * (qy2 * qy2 + qz2 * qz2), 2 * (qx2 * qy2 + qw2 * qz2), 2 * (qx2 * qz2 - qw2 * qy2)];
+  const [sx, , sz] = [0, 1, 2].map((i) => m[i] * ahead[0] + m[4 + i] * ahead[1] + m[8 + i] * ahead[2]);
+  if (Math.abs(sx * dx + sz * dz) < 0.75 * distance * Math.hypot(sx, sz)) return false;
+  if (distance < 0.8 || distance > 3 || (dx * fx + dz * fz) / distance < 0.98) return false;
+  // A picture takes its time on a busy machine: all of it stays as it is until then.
+  const [placing, here, walks] = [frame.step(0, "things"), [x, y, z, qx, qy, qz, qw], phone.place];
+  const before = [frame.step, avatars.update, app.update];
+  Object.assign(phone, { place: () => here });
+  frame.step = () => placing;
+  avatars.update = app.update = () => {};
+  globalThis.goOn = () => {
+    phone.place = walks;
+    [frame.step, avatars.update, app.update] = before;
+  };
+  return true;
 })()"""
+NOTE = """() => {
+  const { client } = synchronizar;
+  const { say } = client;
+  globalThis.told = [];
+  client.say = function (topic, data, to) {
+    if (topic === "seen") told.push(...data);
+    return say.call(client, topic, data, to);
+  };
+}"""
 CHOOSE = """(text) => {
   const chosen = new DataTransfer();
   chosen.items.add(new File([Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0))], "shelf.glb"));
@@ -247,26 +273,31 @@ async def visit(simulation: Simulation, out: Path | None) -> dict[str, Any]:
 
 async def put_shelf(room: Any, result: dict[str, Any]) -> list[Cube]:
     """As one does at the room's page: what that adds to the model."""
+    await room.evaluate(NOTE)
     await room.evaluate(CHOOSE, base64.b64encode(shelf()).decode())
     await browser.until(room, "document.querySelector('#app [role=status]').textContent.includes('where you look')")
     await room.evaluate(PRESS, "Put it down here")
     await browser.until(room, "document.querySelector('#app [role=status]').textContent.includes('is in the room')")
     await asyncio.sleep(1.0)
-    before = result["scan"]
-    return [
-        Cube(at_of(o), (cells_of(o.data) or 0) & ~(cells_of(before[o.id].data) or 0 if o.id in before else 0))
-        for o in result["objects"].values()
-        if o.kind == SCAN
-    ]
+    told = [Cube((i, j, k), cells_of(text) or 0) for i, j, k, text in await browser.told(room, "told")]
+    objects = result["objects"]
+    assert all(cube.cells & ~(cells_of(objects[cube.id].data) or 0) == 0 for cube in told), "not all of it is there"
+    return told
 
 
 async def photograph(room: Any, phone: Any, out: Path) -> None:
     """Both pages; the phone's once the other's view is on its screen."""
-    await room.evaluate("document.querySelector('.app-space').scrollIntoView({ block: 'center' })")
+    # Through the wall, into the room.
+    await room.focus(".app-space")
+    await room.keyboard.down("ArrowUp")
+    await asyncio.sleep(WALKS_S)
+    await room.keyboard.up("ArrowUp")
+    await room.evaluate("document.querySelector('#app').scrollIntoView({ block: 'end' })")
     await room.screenshot(path=out / "eyes_room.png")
     with suppress(TimeoutError):
-        await browser.until(phone, ON_SCREEN, 20.0)
+        await browser.until(phone, ON_SCREEN, 30.0)
     await phone.screenshot(path=out / "eyes_phone.png")
+    await phone.evaluate("globalThis.goOn?.()")
 
 
 async def model_alone(simulation: Simulation, seconds: float) -> dict[str, Any]:
