@@ -276,8 +276,8 @@ class IntegrityParameters:
     largest_rejected: float = 0.75
     """Nobody is registered of whose ranges a larger share is rejected."""
     largest_short: float = 0.06
-    """Nobody is registered of whose ranges a larger share is too short by `innovation_sigmas`: at most 0.001 was on walks
-    and recordings whose tracks are right, 40 % late ranges or not, 0.03 to 0.2 where a track was another walk's."""
+    """Nobody is registered of whose ranges a larger share is too short by `innovation_sigmas`: at most 0.001 was where
+    tracks are right, among 40 % late ranges and on real recordings, 0.03 to 0.2 where a track was another walk's."""
     systematic_inflation: float = 2.0
     """With most ranges rejected, nobody is registered whose covariance residuals inflate by more than this."""
     residual_pieces: int = 12
