@@ -74,9 +74,8 @@ def assess(
     progress[graph.reference] = 1.0
     covariances = np.zeros((len(graph.users), 6, 6))
     covariances[:, :4, :4] = found[0].covariances
-    beside = (graph.measurements.i != graph.reference) & (graph.measurements.j != graph.reference)
-    of_others = float((inlier_probability[beside] < 0.5).mean()) if beside.sum() >= _FEWEST_RANGES else 1.0
-    judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, of_others)
+    contradicted = _contradicted(graph, states)
+    judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
             judged[u] = with_survey(verdict, states.anchor_poses[u, :3] - graph.problem.survey[u], graph, u)
@@ -138,6 +137,28 @@ def _extent_about_last(graph: PoseGraph, states: States, duration: float) -> Arr
     last = np.array([of_user.place[-1] for of_user in graph.keyframes])
     scale = np.exp(states.calibration[:, SCALE])[:, None, None]
     return np.asarray(scale * (extent_points(graph.problem.recording, duration) - last[:, None]))
+
+
+def _contradicted(graph: PoseGraph, states: States) -> dict[int, str]:
+    """The users who are not where they seem, and why: their ranges are too short, which nothing makes them.
+
+    Who has most of these goes first, and its ranges count no more for the others.
+    """
+    limits, s = graph.parameters.integrity, graph.measurements
+    short = graph.residuals(states) > limits.innovation_sigmas * graph.sigma
+    left, out, k = np.ones(len(s), dtype=bool), {}, len(graph.users)
+    while True:
+        count, off = (
+            np.bincount(s.i[which], minlength=k) + np.bincount(s.j[which], minlength=k)
+            for which in (left, left & short)
+        )
+        share = np.where(count >= _FEWEST_RANGES, off / np.maximum(count, 1), 0.0)
+        u = max(range(k), key=lambda v: (float(share[v]), v != graph.reference))
+        if share[u] <= limits.largest_short:
+            break
+        out[u] = f"{share[u]:.0%} of its ranges are too short by more than noise: it is not where its track has it"
+        left &= (s.i != u) & (s.j != u)
+    return out
 
 
 def _rejected(measurements: RangeMeasurements, inlier_probability: Array, user: int) -> float:

@@ -78,7 +78,8 @@ def _own_frames(
 ) -> OwnFrames:
     """How users' frames lie beside their last keyframes; the common frame is the reference's at its first pose.
 
-    `raised` (k,): how high the recording's zeros lie in the users' own frames.
+    `raised` (k,): how high the recording's zeros lie in the users' own frames. A reference on a map stays where it
+    begins, whatever its scale: the map's origin may be thousands of kilometres away.
     """
     k, graph = len(recording.users), best.graph
     scale, turned, last = np.ones(k), np.zeros(k), np.zeros((k, 3))
@@ -91,6 +92,8 @@ def _own_frames(
     if survey is not None:
         return OwnFrames(scale, turned, last, np.array([*survey, 0.0]), np.zeros(3))
     first = graph.keyframes[graph.reference].anchor + np.array([0.0, 0.0, raised[graph.reference]])
+    if np.linalg.norm(first) > graph.parameters.priors.farthest_begin:
+        return OwnFrames(scale, turned, last, np.append(first, 0.0), np.zeros(3))
     origin = scale[graph.reference] * first
     return OwnFrames(scale, turned, last, np.append(origin, 0.0), origin)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
@@ -61,14 +61,14 @@ def verdicts(
     extent: Array,
     parameters: Parameters,
     registered: Collection[int] = (),
-    rejected_of_others: float = 1.0,
+    contradicted: Mapping[int, str] | None = None,
 ) -> list[Verdict | None]:
     """The verdict on each active user, None for the others.
 
     `found` are the hypotheses, best first, `rejected` (k,) the share of each user's ranges that do not fit,
     `systematic` users whose residuals are no noise, `extent` (k, c, 3) m the extent points of each user's track in its
     own frame. Users that are `registered` already stay so up to a higher probability of being wrong.
-    `rejected_of_others` is the share of ranges that do not fit among those that are not the reference's.
+    `contradicted` are users who are not where they seem, with the reason.
     """
     best = found[0]
     apart, in_plane = np.zeros(len(graph.users)), np.zeros(len(graph.users))
@@ -79,12 +79,9 @@ def verdicts(
     out: list[Verdict | None] = [None] * len(graph.users)
     reference = graph.reference
     out[reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
-    limits = parameters.integrity
-    # Of two nobody can say whose track is wrong; among more it is that of who fits none of the others, who fit.
-    contradicted = rejected[reference] > limits.reference_rejected and rejected_of_others < limits.others_rejected
-    if contradicted:
-        reason = f"{rejected[reference]:.0%} of its ranges do not fit: its own track or its radio is not what it seems"
-        out[reference] = Verdict(State.UNOBSERVABLE, reason)
+    contradicted = contradicted or {}
+    if reference in contradicted:
+        out[reference] = Verdict(State.UNOBSERVABLE, contradicted[reference])
     for u in graph.free:
         prior = graph.prior_variances(u)
         dominated = tuple(
@@ -101,7 +98,9 @@ def verdicts(
             state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
             if in_plane[u] <= parameters.integrity.largest_error:
                 reason += ", apart in height: set height_sigma, if its height is known better"
-        if contradicted and state is State.REGISTERED:
+        if u in contradicted and state is State.REGISTERED:
+            state, reason = State.UNOBSERVABLE, contradicted[u]
+        elif reference in contradicted and state is State.REGISTERED:
             state, reason = State.UNOBSERVABLE, "the reference's own track is contradicted"
         out[u] = Verdict(state, reason, direction, dominated)
     return out

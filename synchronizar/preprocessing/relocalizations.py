@@ -184,8 +184,8 @@ def search_jumps(
 
     A stretch of a longer track is searched with that track's `noise`, which else is the stretch's own, and with what
     was `decided` (k,) of its first k steps before: which of them are jumps; with whether its attitudes may follow from
-    its path, and with whether they were still `measured`. One that follows flips where the device turns back, which
-    turns no axes; once it did, attitudes tell nothing of these.
+    its path, and with whether they were still `measured`. One that follows flips where the device turns back, and
+    beside a jump, which turns no axes; once it did, attitudes tell nothing of these.
     """
     follows = bool(attitude_follows(track, parameters)) if follows is None else follows
     steps = steps_of(track)
@@ -200,7 +200,7 @@ def search_jumps(
     turned = _turned_too_fast(steps, factor, noise, jumped, prediction.attitude_error, parameters)
     turned[: len(decided)] = False
     if follows:
-        flipped = turned & _turns_back(steps)
+        flipped = turned & (_turns_back(steps) | _beside(jumped))
         turned &= ~flipped
         measured &= bool(np.diff(track.quat_xyzw, axis=0).any() and not flipped.any())
     by_attitude = _jumped_by_attitude(track, steps, jumped, turned, prediction.attitude_error, parameters)
@@ -258,6 +258,11 @@ def _turned_too_fast(
     level = factor * (_noise_level(error) if noise is None else noise.attitude)
     least = np.maximum(np.maximum(level, parameters.slam.jump_turn), parameters.slam.jump_rate * steps.dt)
     return np.asarray((error > least) & ~jumped)
+
+
+def _beside(jumped: Mask) -> Mask:
+    """(n,) the two steps on either side of each jump: there a direction of motion is that of the jump."""
+    return np.asarray(np.convolve(jumped, np.ones(5), "same")[: len(jumped)] > 0.5)
 
 
 def _turns_back(steps: Steps) -> Mask:

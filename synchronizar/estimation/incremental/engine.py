@@ -79,7 +79,9 @@ class Engine:
         """A device's own pose: s by its own clock, m, in its own frame."""
         stream = self.roster.streams[user]
         if stream is not None:
-            stream.add(t, position, quat_xyzw)
+            x, y, z = position
+            level = self.roster.level_of(user, z)
+            stream.add(t, (x, y, z - level) if level else position, quat_xyzw)
 
     def add_range(self, t: float, a: int, b: int, distance: float, **optional: float) -> None:
         """A distance (m) by the ranges' clock (s); `optional` are further columns of `Ranges`.
@@ -205,9 +207,10 @@ class Engine:
         stream, placed = self.roster.streams[user], self.roster.standings[user].placed
         if stream is None or (placed is None and (user != self.reference or self.following.tracking.members)):
             return None
-        place, attitude = stream.current_axes().repaired(position, quat_xyzw)
+        level = np.array([0.0, 0.0, self.roster.level_of(user)])
+        place, attitude = stream.current_axes().repaired(position - level, quat_xyzw)
         if placed is None:
-            return place, attitude
+            return place + level, attitude
         return placed.at(place), multiply_quaternions(yaw_quaternion(float(placed.state[2])), attitude)
 
     def range_verdicts(self, serial: Indices) -> tuple[Mask, Array, Array, Array]:

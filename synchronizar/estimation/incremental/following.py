@@ -104,7 +104,9 @@ class Following:
         if not members:
             scale = float(np.exp(own.calibration[0]))
             if self._begun is None:
-                self.shift = scale * found.anchor
+                first = found.anchor + np.array([0.0, 0.0, self._roster.level_of(gauge)])
+                on_map = np.linalg.norm(first) > self._roster.parameters.priors.farthest_begin
+                self.shift = first if on_map else scale * first
                 return np.append(self.shift, 0.0)
             # The common frame stays where it was: where the reference was followed to be last, SLAM followed since.
             height = float(self._begun.state[3]) - scale * float(self._begun.place[2])

@@ -23,13 +23,15 @@ from synchronizar.preprocessing.pose_stream import PoseStream, SetAside
 class Roster:
     """Users by their index, at one moment."""
 
-    KEPT: ClassVar[tuple[str, ...]] = ("standings", "now", "events")
+    KEPT: ClassVar[tuple[str, ...]] = ("standings", "now", "events", "raised")
 
     def __init__(self, users: tuple[User, ...], reference: int, parameters: Parameters) -> None:
         self.users, self.reference, self.parameters = users, reference, parameters
         self.streams = [self._stream(user) for user in users]
         """Of each user; None for static radios."""
         self.standings = [Standing() for _ in users]
+        self.raised: list[float | None] = [None for _ in users]
+        """SLAM units: the level about which each stream has its heights (`raised_by`); None before the first pose."""
         self.now = -np.inf
         """s, range clock."""
         self.events: list[str] = []
@@ -43,6 +45,18 @@ class Roster:
         self.users = (*self.users, user)
         self.streams.append(self._stream(user))
         self.standings.append(Standing())
+        self.raised.append(None)
+
+    def level_of(self, user: int, height: float | None = None) -> float:
+        """SLAM units: the level about which a stream has its heights, chosen by the `height` of its first pose."""
+        level = self.raised[user]
+        if level is None and height is not None:
+            most, level = self.parameters.priors.highest_begin, 0.0
+            if abs(height) > most:
+                others = [other for other in self.raised if other and abs(other - height) <= most]
+                level = others[0] if others else height
+            self.raised[user] = level
+        return level or 0.0
 
     def tell(self, user: int) -> None:
         """A user's state is another one: it is among what happened."""
@@ -72,6 +86,7 @@ class Roster:
     def renew_stream(self, user: int) -> None:
         """A device's SLAM tells from now on what need not continue what it told before."""
         self.streams[user] = self._stream(self.users[user])
+        self.raised[user] = None
         self.standings[user].lifted = False
 
     def take_events(self) -> list[str]:
@@ -126,7 +141,9 @@ class Roster:
         stream, placed = self.streams[user], self.standings[user].placed
         last = None if stream is None else stream.last()
         if placed is None:
-            return last.position[0] if last is not None and user == self.reference else None
+            if last is None or user != self.reference:
+                return None
+            return np.asarray(last.position[0] + np.array([0.0, 0.0, self.level_of(user)]))
         return placed.at(placed.place if last is None else last.position[0])
 
     def own_frame(self, user: int, placed: Placed) -> Array:
@@ -142,6 +159,7 @@ class Roster:
             axes = stream.current_axes()
             turned = axes.yaw
             x, y, z = (at - axes.offset).tolist()
+            z += self.level_of(user)
         scale, c, s = exp(log_scale), cos(place[3]), sin(place[3])
         arm = scale * np.array([c * x - s * y, s * x + c * y, z])
         return np.array([*(place[:3] - arm).tolist(), wrap_angle(float(place[3]) + turned)])
