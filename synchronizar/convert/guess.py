@@ -351,7 +351,7 @@ def _unit(topic: Topic, value: str) -> str | None:
     suffix = re.search(r"_(mm|cm|m)$", _last(value).lower())
     if suffix:
         return suffix[1]
-    return "m" if topic.type == "sensor_msgs/Range" else None
+    return "m" if topic.type in ("sensor_msgs/Range", "synchronizar.Range") else None
 
 
 def kind_of(topic: Topic, path: str) -> str:
