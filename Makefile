@@ -45,8 +45,8 @@ lint: $(VENV)/linted-with $(CTEST)/built
 	if tools/have.sh cppcheck; then cppcheck --quiet --enable=warning,performance,portability,style --error-exitcode=1 \
 		-I firmware/core firmware/core firmware/targets/esp-idf; fi
 	if tools/have.sh npm; then npm install --silent --no-audit --no-fund --prefix build/eslint eslint@10.15.0 && \
-		build/eslint/node_modules/.bin/eslint --max-warnings 0 synchronizar/live/pages synchronizar/apps tests/live/js \
-		tests/apps/js examples; fi
+		build/eslint/node_modules/.bin/eslint --max-warnings 0 synchronizar/live/pages synchronizar/reporting synchronizar/apps \
+		tests/live/js tests/apps/js examples; fi
 
 # Known vulnerabilities of what is installed, where PyPI can be asked.
 audit: $(VENV)/installed

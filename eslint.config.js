@@ -38,7 +38,7 @@ Object.assign(rules, {
 export default [
   { ignores: ["**/vendor/**", "**/node_modules/**", "build/**", ".venv/**"] },
   {
-    files: ["synchronizar/live/pages/**/*.js", "synchronizar/apps/*/pages/**/*.js", "examples/*/*/pages/**/*.js"],
+    files: ["synchronizar/live/pages/**/*.js", "synchronizar/reporting/**/*.js", "synchronizar/apps/*/pages/**/*.js", "examples/*/*/pages/**/*.js"],
     languageOptions: { ecmaVersion: 2023, sourceType: "module", globals: readonly(browser) },
     rules,
   },

@@ -107,3 +107,21 @@ def _cross(a: Array, b: Array) -> Array:
     product[..., 1] = az * bx - ax * bz
     product[..., 2] = ax * by - ay * bx
     return product
+
+
+def quaternions_of_matrices(matrices: Array) -> Array:
+    """(n, 4) x y z w: the attitudes of rotation matrices (n, 3, 3).
+
+    The eigenvector of the largest eigenvalue of Bar-Itzhack's K (New method for extracting the quaternion from a
+    rotation matrix, J. Guidance 23(6), 2000): no case for each sign of the trace.
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(matrices, 0, -1)
+    k = np.array(
+        [
+            [xx - yy - zz, xy + yx, xz + zx, zy - yz],
+            [xy + yx, yy - xx - zz, yz + zy, xz - zx],
+            [xz + zx, yz + zy, zz - xx - yy, yx - xy],
+            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+        ]
+    )
+    return np.asarray(np.linalg.eigh(np.moveaxis(k, -1, 0))[1][:, :, 3])

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from synchronizar.data.findings import Finding
     from synchronizar.data.recording import Recording
     from synchronizar.data.registration import Registration
+    from synchronizar.data.track import Track
+    from synchronizar.data.updates import Update
     from synchronizar.diagnosis.summary import Summary
 
 FOUND = 1
@@ -194,11 +196,25 @@ def _simulate(options: argparse.Namespace) -> None:
 
 def _plot(options: argparse.Namespace) -> None:
     from synchronizar.data.recording import Recording
-    from synchronizar.reporting.plots import plot
 
     print_progress(f"loading {options.recording} ...")
-    recording = Recording.load(options.recording)
-    print_result(str(plot(recording, options.out, options.recording.resolve().name)))
+    recording, name = Recording.load(options.recording), options.recording.resolve().name
+    if options.html:
+        from synchronizar.reporting.report import write_report
+
+        print_result(str(write_report(recording, options.out, name)))
+    elif options.rerun:
+        with _extra("rerun"):
+            import rerun  # noqa: F401
+        from synchronizar.convert.rerun_out import write_rerun
+
+        registration, tracks, updates = _answer(options.out, recording)
+        write_rerun(options.out / "answer.rrd", recording, registration, tracks, updates)
+        print_result(str(options.out / "answer.rrd"))
+    else:
+        from synchronizar.reporting.plots import plot
+
+        print_result(str(plot(recording, options.out, name)))
 
 
 def _convert(options: argparse.Namespace) -> None:
@@ -213,8 +229,6 @@ def _convert(options: argparse.Namespace) -> None:
 def _convert_out(options: argparse.Namespace) -> None:
     """Write a recording, and an answer about it, in another format."""
     from synchronizar.convert.formats import FORMATS, WRITTEN, format_named
-    from synchronizar.io.registration_reader import read_registration
-    from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
 
     if options.out is None:
         raise InputError(options.source, "is a recording: say where it is to be written, and in what format")
@@ -233,11 +247,18 @@ def _convert_out(options: argparse.Namespace) -> None:
     if options.answer is None:
         write(options.out, recording, None, None, [])
     else:
-        updates = options.answer / UPDATES_FILE
-        replayed = read_updates(updates, recording) if updates.exists() else []
-        registration, tracks = read_registration(options.answer, recording, causal=updates.exists())
-        write(options.out, recording, registration, tracks, replayed)
+        write(options.out, recording, *_answer(options.answer, recording))
     print_result(str(options.out))
+
+
+def _answer(folder: Path, recording: Recording) -> tuple[Registration, dict[str, Track], list[Update]]:
+    """What `register` or `replay` wrote about a recording; updates are of a replay."""
+    from synchronizar.io.registration_reader import read_registration
+    from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
+
+    replayed = (folder / UPDATES_FILE).exists()
+    registration, tracks = read_registration(folder, recording, causal=replayed)
+    return registration, tracks, read_updates(folder / UPDATES_FILE, recording) if replayed else []
 
 
 def _convert_in(options: argparse.Namespace) -> None:

@@ -125,6 +125,10 @@ def parser_of(commands_by_name: Mapping[str, Command]) -> argparse.ArgumentParse
     plot = commands.add_parser("plot", help="draw what register wrote", epilog=_example("plot walk/ answer/"))
     plot.add_argument("recording", metavar="RECORDING", type=Path)
     plot.add_argument("out", metavar="DIR", type=Path)
+    plot.add_argument("--rerun", action="store_true", help="write answer.rrd instead, which rerun shows")
+    plot.add_argument(
+        "--html", action="store_true", help="write report.html instead: one file, in which one can look closer"
+    )
     plot.set_defaults(command=commands_by_name["plot"])
     _add_live_commands(commands, commands_by_name)
     return parser

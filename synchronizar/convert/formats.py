@@ -69,15 +69,45 @@ FORMATS = (
         writer_extra=("mcap", "mcap.writer"),
         lists=True,
     ),
-    Format("pyfg", "a PyFG factor graph, as CORA has it", "synchronizar.convert.pyfg"),
+    Format(
+        "pyfg",
+        "a PyFG factor graph, as CORA has it",
+        "synchronizar.convert.pyfg",
+        "synchronizar.convert.pyfg_out:write_pyfg",
+        suffixes=(".pyfg",),
+    ),
     Format("dwm1001", "a log of a DWM1001's `les` or `lec`", "synchronizar.convert.dwm1001"),
     Format("nooploop", "a log of Nooploop LinkTrack frames", "synchronizar.convert.nooploop"),
     Format("pozyx", "a log of Pozyx ranges", "synchronizar.convert.pozyx"),
     Format("euroc", "EuRoC / ASL csv: # timestamp [ns], position, quaternion w x y z", "synchronizar.convert.euroc"),
     Format("kitti", "KITTI poses, with times", "synchronizar.convert.kitti"),
     Format("phone", "poses of an ARKit or ARCore recorder", "synchronizar.convert.phones"),
-    Format("tum", "a TUM track: t x y z qx qy qz qw", "synchronizar.convert.tum"),
+    Format(
+        "tum",
+        "a TUM track: t x y z qx qy qz qw; of a recording a folder of them, for evo",
+        "synchronizar.convert.tum",
+        "synchronizar.convert.tum_out:write_tum_folder",
+    ),
     Format("csv", "a table with a header", "synchronizar.convert.csv"),
+    Format(
+        "tf",
+        "static transforms as YAML: a tf2_msgs/TFMessage",
+        writer="synchronizar.convert.tf_out:write_tf_yaml",
+        suffixes=(".yaml", ".yml"),
+    ),
+    Format(
+        "ros-launch",
+        "static transforms as a launch file of ROS 2",
+        writer="synchronizar.convert.tf_out:write_tf_launch",
+        suffixes=(".py",),
+    ),
+    Format(
+        "rerun",
+        "a file that rerun shows",
+        writer="synchronizar.convert.rerun_out:write_rerun",
+        suffixes=(".rrd",),
+        writer_extra=("rerun", "rerun"),
+    ),
 )
 """In the order in which a source is recognised: what is surest first."""
 

@@ -6,9 +6,12 @@ Messages are JSON by Foxglove's own schemas (https://docs.foxglove.dev/docs/sdk/
 |---|---|---|
 | /tf | foxglove.FrameTransform | each device in the common frame, or in its own SLAM's where there is no answer |
 | /tracks/<user> | foxglove.PosesInFrame | its whole way, once |
-| /scene | foxglove.SceneUpdate | names and uncertainty at 2 Hz |
+| /scene | foxglove.SceneUpdate | names, and the 95 % region of each place, at 2 Hz; of a replay as it was known then |
+| /range_lines | foxglove.SceneUpdate | the ranges of the last 0.2 s between those who measured them |
 | /ranges | synchronizar.Range | each range: a, b, distance, residual, verdict |
-| /states/<user> | synchronizar.State | state, progress and sigma over time, where a replay wrote updates.jsonl |
+| /states/<user> | synchronizar.State | state, progress, sigma, covariance over time, of a replay |
+
+Beside the file stands a layout for Foxglove, which shows all of it (`foxglove_layout.py`).
 """
 
 from __future__ import annotations
@@ -21,14 +24,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from synchronizar.data.range_ends import range_ends
 from synchronizar.data.recording import Recording
+from synchronizar.data.regions import UNKNOWN, Regions, regions_of
 from synchronizar.data.registration import RangeVerdicts, Registration
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Update
 from synchronizar.errors import os_faults
+from synchronizar.io.foxglove_layout import write_layout
+from synchronizar.io.json_values import number_json
+from synchronizar.quaternions import inverse_quaternions, multiply_quaternions
 
 COMMON = "common"
 _SCENE_S = 0.5
+_LINES_S = 0.2
+_LONGEST_GAP_S = 1.0
+"""Between two poses of a track; within a longer one nobody knows where its device was."""
+_LINE_LIST = 2
+"""Foxglove's number for lines of which each has two points of its own."""
+_VERDICT_COLORS = {"used": (0.53, 0.53, 0.53), "rejected": (0.84, 0.37, 0.0), "unknown": (0.34, 0.71, 0.91)}
 _LONGEST_PATH = 5000
 """Poses of a whole way, at most; more are thinned evenly."""
 _NUMBER, _INTEGER, _TEXT, _TRUTH = ({"type": kind} for kind in ("number", "integer", "string", "boolean"))
@@ -52,6 +66,16 @@ _QUATERNION = _object(**dict.fromkeys("xyzw", _NUMBER))
 _POSE = _object(position=_VECTOR, orientation=_QUATERNION)
 _COLOR = _object(**dict.fromkeys("rgba", _NUMBER))
 _SPHERE = _object(pose=_POSE, size=_VECTOR, color=_COLOR)
+_LINES = _object(
+    type=_INTEGER,
+    pose=_POSE,
+    thickness=_NUMBER,
+    scale_invariant=_TRUTH,
+    points=_list(_VECTOR),
+    color=_COLOR,
+    colors=_list(_COLOR),
+    indices=_list(_INTEGER),
+)
 _TEXT_ABOVE = _object(pose=_POSE, billboard=_TRUTH, font_size=_NUMBER, scale_invariant=_TRUTH, color=_COLOR, text=_TEXT)
 _ENTITY = _object(
     timestamp=_TIME,
@@ -60,7 +84,8 @@ _ENTITY = _object(
     lifetime=_TIME,
     frame_locked=_TRUTH,
     metadata=_list(_object(key=_TEXT, value=_TEXT)),
-    **{kind: _list(_object()) for kind in _PRIMITIVES} | {"spheres": _list(_SPHERE), "texts": _list(_TEXT_ABOVE)},
+    **{kind: _list(_object()) for kind in _PRIMITIVES}
+    | {"spheres": _list(_SPHERE), "texts": _list(_TEXT_ABOVE), "lines": _list(_LINES)},
 )
 _SCHEMAS: dict[str, dict[str, Any]] = {
     "foxglove.FrameTransform": _object(
@@ -71,7 +96,15 @@ _SCHEMAS: dict[str, dict[str, Any]] = {
         deletions=_list(_object(timestamp=_TIME, type=_INTEGER, id=_TEXT)), entities=_list(_ENTITY)
     ),
     "synchronizar.Range": _object(t=_NUMBER, a=_TEXT, b=_TEXT, distance=_NUMBER, residual=_NUMBER, verdict=_TEXT),
-    "synchronizar.State": _object(t=_NUMBER, state=_TEXT, progress=_NUMBER, sigma_xy=_NUMBER, cue=_TEXT),
+    "synchronizar.State": _object(
+        t=_NUMBER,
+        state=_TEXT,
+        progress=_NUMBER,
+        sigma_xy=_NUMBER,
+        sigma_yaw=_NUMBER,
+        covariance=_list(_NUMBER),
+        cue=_TEXT,
+    ),
 }
 # Okabe and Ito's colours, told apart by nearly everybody.
 _COLORS = (
@@ -98,7 +131,10 @@ def write_mcap(
     tracks: Mapping[str, Track] | None = None,
     updates: Sequence[Update] = (),
 ) -> None:
-    """Write the file. With an answer, `tracks` are those in the common frame. Raises InputError where it cannot be."""
+    """Write the file, and its layout. With an answer, `tracks` are those in the common frame.
+
+    Raises InputError where they cannot be written.
+    """
     from mcap.writer import Writer
 
     shown, frame = (recording.tracks, None) if registration is None else (tracks or {}, COMMON)
@@ -106,8 +142,10 @@ def write_mcap(
     streams: list[Iterable[_Message]] = [_ranges(recording, verdicts), _states(updates)]
     for n, (name, track) in enumerate(sorted(shown.items())):
         parent = frame or f"{name}/slam"
-        sigma = None if registration is None else _sigma(registration, name)
-        streams += [_way(name, track, parent), _moves(name, track, parent), _scene(name, track, sigma, n)]
+        regions = UNKNOWN if registration is None else regions_of(registration, name, updates) or UNKNOWN
+        streams += [_way(name, track, parent), _moves(name, track, parent), _scene(name, track, regions, n)]
+    if registration is not None:
+        streams.append(_range_lines(recording, registration, shown))
     with os_faults(path), path.open("wb") as file:
         writer = Writer(file)
         writer.start(library="synchronizar")
@@ -125,6 +163,7 @@ def write_mcap(
             stamp = max(0, round(1e9 * message.t))
             writer.add_message(channels[place], stamp, json.dumps(message.value, allow_nan=False).encode(), stamp)
         writer.finish()
+    write_layout(path, sorted(shown), [user.name for user in recording.users] if updates else [], frame)
 
 
 def _ranges(recording: Recording, verdicts: RangeVerdicts | None) -> Iterator[_Message]:
@@ -147,12 +186,16 @@ def _ranges(recording: Recording, verdicts: RangeVerdicts | None) -> Iterator[_M
 def _states(updates: Sequence[Update]) -> Iterator[_Message]:
     for update in updates:
         for name, user in update.users.items():
-            sigma = None if user.covariance is None else float(np.sqrt(np.trace(user.covariance[:2, :2]) / 2.0))
+            covariance = np.full((4, 4), np.nan) if user.covariance is None else user.covariance
+            sigma_xy, sigma_yaw = np.sqrt(np.trace(covariance[:2, :2]) / 2.0), np.sqrt(covariance[3, 3])
             value = {
                 "t": update.t,
                 "state": str(user.state),
                 "progress": user.progress,
-                "sigma_xy": sigma if sigma is not None and np.isfinite(sigma) else None,
+                "sigma_xy": number_json(sigma_xy),
+                "sigma_yaw": number_json(sigma_yaw),
+                # Row by row, over x, y, z and yaw; a static radio's has no yaw.
+                "covariance": covariance.ravel().tolist() if np.isfinite(covariance).all() else None,
                 "cue": user.cue,
             }
             yield _Message(update.t, f"/states/{name}", "synchronizar.State", _known(value))
@@ -182,42 +225,67 @@ def _moves(name: str, track: Track, parent: str) -> Iterator[_Message]:
         yield _Message(t, "/tf", "foxglove.FrameTransform", value)
 
 
-def _scene(name: str, track: Track, sigma: float | None, n: int) -> Iterator[_Message]:
-    """Its name above it, and a ball of 2 sigma about it."""
-    red, green, blue = _COLORS[n % len(_COLORS)]
-    here = {"position": _xyz([0.0, 0.0, 0.0]), "orientation": _xyzw([0.0, 0.0, 0.0, 1.0])}
-    above = {"position": _xyz([0.0, 0.0, 0.3]), "orientation": _xyzw([0.0, 0.0, 0.0, 1.0])}
-    solid = {"r": red, "g": green, "b": blue, "a": 1.0}
-    size = 2.0 * 2.0 * min(max(sigma or 0.05, 0.025), 5.0)
-    for t in np.arange(track.t[0], track.t[-1] + _SCENE_S, _SCENE_S).tolist():
-        entity = {
-            "timestamp": _stamp(t),
-            "frame_id": name,
-            "id": name,
-            "lifetime": {"sec": 1, "nsec": 0},
-            "frame_locked": True,
-            "metadata": [],
-            **{kind: [] for kind in _PRIMITIVES},
-            "texts": [
-                {
-                    "pose": above,
-                    "billboard": True,
-                    "font_size": 0.2,
-                    "scale_invariant": False,
-                    "color": solid,
-                    "text": name,
-                }
-            ],
-            "spheres": [{"pose": here, "size": _xyz([size, size, size]), "color": {**solid, "a": 0.35}}],
+def _range_lines(recording: Recording, registration: Registration, tracks: Mapping[str, Track]) -> Iterator[_Message]:
+    """Every so often the ranges since the last time, as lines between the places of both devices."""
+    ranges, verdicts = recording.ranges, registration.ranges
+    ends = range_ends(ranges, registration, tracks, _LONGEST_GAP_S)
+    rows = np.argsort(ranges.t, kind="stable")
+    rows = rows[verdicts.usable[rows] & np.isfinite(ends[rows]).all(axis=(1, 2))]
+    if not len(rows):
+        return
+    slot = np.floor(ranges.t[rows] / _LINES_S).astype(np.int64)
+    for some in np.split(rows, np.flatnonzero(np.diff(slot)) + 1):
+        t = float(ranges.t[some[-1]])
+        words = ["used" if verdicts.used[row] else "rejected" for row in some]
+        lines = {
+            "type": _LINE_LIST,
+            "pose": {"position": _xyz([0.0, 0.0, 0.0]), "orientation": _xyzw([0.0, 0.0, 0.0, 1.0])},
+            "thickness": 1.5,
+            "scale_invariant": True,
+            "points": [_xyz(place) for row in some for place in ends[row].tolist()],
+            "color": _rgba(_VERDICT_COLORS["unknown"], 1.0),
+            "colors": [_rgba(_VERDICT_COLORS[word], 0.8) for word in words for _ in range(2)],
+            "indices": [],
         }
+        entity = _entity(t, COMMON, "ranges", _LINES_S, frame_locked=False) | {"lines": [lines]}
+        yield _Message(t, "/range_lines", "foxglove.SceneUpdate", {"deletions": [], "entities": [entity]})
+
+
+def _entity(t: float, frame: str, name: str, lifetime: float, frame_locked: bool) -> dict[str, Any]:
+    """One of a scene, made of nothing yet."""
+    return {
+        "timestamp": _stamp(t),
+        "frame_id": frame,
+        "id": name,
+        "lifetime": _stamp(lifetime),
+        "frame_locked": frame_locked,
+        "metadata": [],
+        **{kind: [] for kind in _PRIMITIVES},
+    }
+
+
+def _scene(name: str, track: Track, regions: Regions, n: int) -> Iterator[_Message]:
+    """Its name above it, and the 95 % region of its place about it; a small ball where nothing is known of it."""
+    color = _COLORS[n % len(_COLORS)]
+    above = {"position": _xyz([0.0, 0.0, 0.3]), "orientation": _xyzw([0.0, 0.0, 0.0, 1.0])}
+    label = {
+        "pose": above,
+        "billboard": True,
+        "font_size": 0.2,
+        "scale_invariant": False,
+        "color": _rgba(color, 1.0),
+        "text": name,
+    }
+    ticks = np.arange(track.t[0], track.t[-1] + _SCENE_S, _SCENE_S)
+    at = np.maximum(np.searchsorted(regions.since, ticks, side="right") - 1, 0)
+    attitude = track.at(np.minimum(ticks, track.t[-1]), np.inf).quat_xyzw
+    # The region as seen from the body, with which it goes until the next one.
+    turned = multiply_quaternions(inverse_quaternions(attitude), regions.quat_xyzw[at])
+    for t, size, orientation in zip(ticks.tolist(), regions.size[at].tolist(), turned.tolist(), strict=True):
+        place = {"position": _xyz([0.0, 0.0, 0.0]), "orientation": _xyzw(orientation)}
+        ball = {"pose": place, "size": _xyz(size), "color": _rgba(color, 0.35)}
+        entity = _entity(t, name, name, 2.0 * _SCENE_S, frame_locked=True) | {"texts": [label], "spheres": [ball]}
         yield _Message(t, "/scene", "foxglove.SceneUpdate", {"deletions": [], "entities": [entity]})
-
-
-def _sigma(registration: Registration, name: str) -> float | None:
-    covariance = registration.users[name].covariance
-    if covariance is None or not np.isfinite(covariance[:3, :3]).all():
-        return None
-    return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
 
 
 def _known(value: dict[str, Any]) -> dict[str, Any]:
@@ -228,6 +296,10 @@ def _known(value: dict[str, Any]) -> dict[str, Any]:
 def _stamp(t: float) -> dict[str, int]:
     sec, nsec = divmod(max(0, round(1e9 * t)), 1_000_000_000)
     return {"sec": sec, "nsec": nsec}
+
+
+def _rgba(color: tuple[float, float, float], alpha: float) -> dict[str, float]:
+    return dict(zip("rgba", (*color, alpha), strict=True))
 
 
 def _xyz(values: Sequence[float]) -> dict[str, float]:

@@ -15,6 +15,7 @@ from synchronizar.quaternions import (
     inverse_quaternions,
     multiply_quaternions,
     normalized_quaternions,
+    quaternions_of_matrices,
     quaternions_of_rotation_vectors,
     rotate_by_quaternions,
     rotation_angles,
@@ -156,3 +157,10 @@ def test_a_tilt_is_found_from_nothing_to_upside_down_and_turns_nothing(angle: fl
 def test_a_yaw_is_found_up_to_half_a_turn(yaw: float) -> None:
     np.testing.assert_allclose(yaw_of_quaternions(yaw_quaternion(yaw)), yaw, atol=1e-15)
     np.testing.assert_allclose(tilt_of_quaternions(yaw_quaternion(yaw)), 0.0)
+
+
+@given(unit_quaternions)
+def test_the_attitude_of_a_matrix_is_that_which_it_was_made_from(quat_xyzw: Array) -> None:
+    (found,) = quaternions_of_matrices(rotation_matrix(quat_xyzw)[None])
+    np.testing.assert_allclose(abs(found @ quat_xyzw), 1.0, atol=1e-9)
+    np.testing.assert_allclose(rotation_matrix(found), rotation_matrix(quat_xyzw), atol=1e-9)

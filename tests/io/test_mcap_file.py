@@ -174,7 +174,85 @@ def test_messages_have_the_fields_and_types_that_foxglove_publishes(walk: Path) 
             assert {field.name for field in message.entities[0].DESCRIPTOR.fields} <= entity.keys() | LATER
             assert abs(message.entities[0].timestamp.ToNanoseconds() - 1e9 * t) < 1000
         seen[kind] += 1
+        for lines in (line for entity in value.get("entities", []) for line in entity["lines"]):  # type: ignore[attr-defined]
+            assert {field.name for field in message.entities[0].lines[0].DESCRIPTOR.fields} <= lines.keys() | LATER
     assert seen.keys() == {"FrameTransform", "PosesInFrame", "SceneUpdate"}
+
+
+def rotation(x: float, y: float, z: float, w: float) -> Any:
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def test_the_region_about_a_device_is_what_its_covariance_says(walk: Path) -> None:
+    messages = written(walk, "--answer", str(walk.parent / "answer"))
+    told = json.loads((walk.parent / "answer" / "registration.json").read_text())["users"]["phone1"]["covariance"]
+    covariance, track = np.array(told)[:3, :3], read_tum(walk.parent / "answer" / "phone1.tum")
+    seen = 0
+    for topic, _, t, value in messages:
+        (entity,) = value["entities"] if topic == "/scene" else [{"id": ""}]  # type: ignore[misc]
+        if entity["id"] != "phone1" or t > track.t[-1]:
+            continue
+        (ball,) = entity["spheres"]
+        body = rotation(*track.at(np.array([t]), np.inf).quat_xyzw[0])
+        axes = body @ rotation(*(ball["pose"]["orientation"][axis] for axis in "xyzw"))
+        half = np.array([ball["size"][axis] for axis in "xyz"]) / 2.0
+        np.testing.assert_allclose(axes @ np.diag(half**2 / 7.8147) @ axes.T, covariance, atol=2e-4)
+        seen += 1
+    assert seen > 5
+
+
+def test_a_line_between_two_devices_is_as_long_as_what_was_expected_of_their_range(walk: Path) -> None:
+    messages = written(walk, "--answer", str(walk.parent / "answer"))
+    expected = [
+        value["distance"] - value["residual"]  # type: ignore[operator]
+        for topic, _, _, value in messages
+        if topic == "/ranges" and value["verdict"] != "unusable"
+    ]
+    found: list[float] = []
+    for topic, _, _, value in messages:
+        if topic != "/range_lines":
+            continue
+        (lines,) = value["entities"][0]["lines"]  # type: ignore[index]
+        places = np.array([[point[axis] for axis in "xyz"] for point in lines["points"]]).reshape(-1, 2, 3)
+        assert len(lines["colors"]) == 2 * len(places)
+        found += np.linalg.norm(places[:, 0] - places[:, 1], axis=1).tolist()
+    # Antennas are at the origins here; biases of radios are in what is expected, and small.
+    np.testing.assert_allclose(np.sort(found), np.sort(expected), atol=0.1)
+
+
+def test_the_layout_shows_topics_and_fields_that_are_in_the_file(walk: Path) -> None:
+    for answer in ("answer", "live"):
+        messages = written(walk, "--answer", str(walk.parent / answer))
+        fields: dict[str, set[str]] = {}
+        for topic, _, _, value in messages:
+            fields.setdefault(topic, set()).update(value)
+        layout = json.loads((walk.parent / "walk.layout.json").read_text())
+        panels = layout["configById"]
+        # In so short a replay nobody but the reference is registered, and there is no line between two.
+        assert panels["3D!map"]["topics"].keys() - fields.keys() <= ({"/range_lines"} if answer == "live" else set())
+        assert panels["3D!map"]["followTf"] == "common"
+        paths = [path["value"] for panel in panels.values() for path in panel.get("paths", [])]
+        for path in paths:
+            topic, _, field = path.partition(".")
+            assert field in fields[topic.partition("{")[0]]
+        assert any(path.startswith("/states/") for path in paths) == (answer == "live")
+        shown: list[str] = []
+
+        def walk_through(part: Any, into: list[str]) -> None:
+            if isinstance(part, str):
+                into.append(part)
+            else:
+                walk_through(part["first"], into)
+                walk_through(part["second"], into)
+
+        walk_through(layout["layout"], shown)
+        assert sorted(shown) == sorted(panels)
 
 
 def test_a_name_that_says_no_format_is_told(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:

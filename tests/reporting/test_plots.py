@@ -11,9 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import ArrowStyle, Ellipse, FancyArrowPatch
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 from synchronizar.data.jump import Jump
 from synchronizar.data.ranges import Ranges
@@ -33,16 +36,17 @@ from synchronizar.geometry import YawFrame
 from synchronizar.io.registration_folder import write_registration
 from synchronizar.parameters import Parameters
 from synchronizar.quaternions import yaw_quaternion
+from synchronizar.reporting.answer import Answer, read_answer
+from synchronizar.reporting.drift import common_from_user_at_start, drift_of
+from synchronizar.reporting.pairs import pairs
 from synchronizar.reporting.plots import draw, draw_devices, plot
-from synchronizar.reporting.plots.answer import Answer, read_answer
-from synchronizar.reporting.plots.drift import common_from_user_at_start, drift_of
 from synchronizar.reporting.plots.estimates import MOST_ROWS, draw_estimates, kinds
 from synchronizar.reporting.plots.jump_list import MOST_JUMPS, draw_jumps
-from synchronizar.reporting.plots.pairs import MOST_PAIRS, draw_pair, pairs
+from synchronizar.reporting.plots.pairs import MOST_PAIRS, draw_pair
 from synchronizar.reporting.plots.residuals import residual_limits
 from synchronizar.reporting.plots.style import JUMP, caption, short, styles
-from synchronizar.reporting.plots.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
 from synchronizar.reporting.plots.walks import MOST_RANGES
+from synchronizar.reporting.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
 
@@ -555,3 +559,48 @@ def test_every_answer_has_a_page_of_devices(others: tuple[UserRegistration, ...]
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         draw_devices(answer, "walk").savefig(tmp_path / "devices.png", dpi=30)
+
+
+# Twenty devices
+
+
+def crowd(count: int) -> Answer:
+    """Devices that start from a few places very near to each other."""
+    users = [placed(f"phone{k:02}", common_from_user=YawFrame(0.2 * (k % 5), 0.2 * (k % 4), 0.0)) for k in range(count)]
+    return answer_of(REFERENCE, *users, **FULL)
+
+
+def boxes(figure: Figure, ax: Axes) -> list[Bbox]:
+    """Where the texts of the map stand, without the lines that lead to them, in pixels."""
+    figure.canvas.draw()
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    return [Text.get_window_extent(text, renderer) for text in ax.texts]
+
+
+def test_names_of_twenty_devices_overlap_neither_each_other_nor_the_frame() -> None:
+    figure = draw(crowd(20), "walk")
+    FigureCanvasAgg(figure)
+    ax = figure.axes[0]
+    found, frame = boxes(figure, ax), ax.get_window_extent()
+    assert len(found) == 21
+    for n, one in enumerate(found):
+        assert frame.x0 <= one.x0 < one.x1 <= frame.x1
+        assert not any(one.overlaps(other) for other in found[:n])
+
+
+def test_the_list_of_twenty_devices_ends_above_the_symbols() -> None:
+    figure = draw(crowd(21), "walk")
+    FigureCanvasAgg(figure)
+    figure.canvas.draw()
+    people, symbols_shown = (
+        ax.get_legend().get_window_extent() for ax in figure.axes if ax.get_legend() and not ax.axison
+    )
+    assert people.y0 >= symbols_shown.y1
+
+
+def test_of_many_devices_slams_own_tracks_are_left_out_of_the_map() -> None:
+    dashed = [
+        sum(isinstance(lines, LineCollection) and lines.get_zorder() == 2 for lines in ax.collections)
+        for ax in (draw(crowd(count), "walk").axes[0] for count in (3, 20))
+    ]
+    assert dashed == [4, 0]

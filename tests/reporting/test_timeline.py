@@ -28,9 +28,9 @@ from synchronizar.estimation.incremental.replay import replay
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
 from synchronizar.io.registration_folder import write_registration, write_replay
+from synchronizar.reporting.answer import Answer
+from synchronizar.reporting.history import History, UserHistory, history_of
 from synchronizar.reporting.plots import draw_timeline, plot
-from synchronizar.reporting.plots.answer import Answer
-from synchronizar.reporting.plots.history import History, UserHistory, history_of
 from synchronizar.reporting.plots.style import short, styles
 from synchronizar.reporting.plots.timeline import BAR, MOST_EVENTS, MOST_USERS, STATE_COLOURS
 from synchronizar.simulation.scene import Scene

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from synchronizar.arrays import Array
-from synchronizar.reporting.plots.answer import Answer
-from synchronizar.reporting.plots.drift import drift_of
+from synchronizar.reporting.answer import Answer
+from synchronizar.reporting.drift import drift_of
 from synchronizar.reporting.plots.style import JUMP, Style, few
 
 LEAST_M, LEAST_DEG = 0.1, 1.0

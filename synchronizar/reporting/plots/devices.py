@@ -6,12 +6,12 @@ import matplotlib
 from matplotlib.figure import Figure, SubFigure
 
 from synchronizar.parameters import Parameters
-from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.answer import Answer
+from synchronizar.reporting.pairs import Pair, pairs
 from synchronizar.reporting.plots.corrections import draw_corrections
 from synchronizar.reporting.plots.estimates import draw_estimates, draw_names, draw_slam_noise, kinds
 from synchronizar.reporting.plots.jump_list import draw_jumps
-from synchronizar.reporting.plots.pairs import MOST_PAIRS, Pair, draw_pair, pair_limits, pairs
-from synchronizar.reporting.plots.residuals import range_sigma
+from synchronizar.reporting.plots.pairs import MOST_PAIRS, draw_pair, pair_limits
 from synchronizar.reporting.plots.style import styles
 
 WIDTH_IN = 18.0
@@ -51,7 +51,7 @@ def _draw_each(figure: SubFigure, answer: Answer) -> None:
 
 def _draw_pairs(figure: SubFigure, answer: Answer, found: list[Pair]) -> None:
     """Draw a panel for each pair, MOST_PAIRS at most, all with the same axes."""
-    shown, limits = found[:MOST_PAIRS], pair_limits(answer, range_sigma(answer))
+    shown, limits = found[:MOST_PAIRS], pair_limits(answer, answer.range_sigma)
     title = "Measured minus predicted of each pair over time: used grey, rejected red, at the edge where further out"
     if len(shown) < len(found):
         title += f" - the {len(shown)} pairs of the largest rms, {len(found) - len(shown)} more not shown"

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from synchronizar.data.registration import UserRegistration
 from synchronizar.parameters import Parameters
-from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.answer import Answer
 from synchronizar.reporting.plots.style import Style, short
 
 SIGMAS = 2.0

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from synchronizar.data.recording import Recording
 from synchronizar.errors import os_faults
 from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
-from synchronizar.reporting.plots.answer import read_answer
+from synchronizar.reporting.answer import read_answer
+from synchronizar.reporting.history import history_of
 from synchronizar.reporting.plots.devices import draw_devices
-from synchronizar.reporting.plots.history import history_of
 from synchronizar.reporting.plots.picture import draw
 from synchronizar.reporting.plots.timeline import draw_timeline
 

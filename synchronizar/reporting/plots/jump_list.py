@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.answer import Answer
 from synchronizar.reporting.plots.style import Style, short
 
 MOST_JUMPS = 20

@@ -8,13 +8,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from synchronizar.io.registration_folder import range_counts
-from synchronizar.reporting.plots.answer import Answer
-from synchronizar.reporting.plots.residuals import draw_histogram, draw_over_time, range_sigma, residual_limits
+from synchronizar.reporting.answer import Answer
+from synchronizar.reporting.plots.residuals import draw_histogram, draw_over_time, residual_limits
 from synchronizar.reporting.plots.style import Style, caption, short, styles
 from synchronizar.reporting.plots.walks import draw_walks, symbols
 
 SIZE_IN = (16.0, 10.0)
 ROWS_PER_COLUMN = 22
+ROWS_IN_LARGE_PRINT = 14
 MOST_LISTED = 2 * ROWS_PER_COLUMN
 
 
@@ -25,7 +26,7 @@ def draw(answer: Answer, title: str) -> Figure:
     left = columns[0].subgridspec(2, 1, height_ratios=(3.6, 1.0))
     right = columns[1].subgridspec(3, 1, height_ratios=(2.6, 1.0, 1.6))
     of_user = styles(answer)
-    sigma = range_sigma(answer)
+    sigma = answer.range_sigma
     limits = residual_limits(answer, sigma)
     with matplotlib.rc_context({"text.parse_math": False}):  # names may look like formulas
         draw_walks(figure.add_subplot(left[0]), answer, of_user)
@@ -55,12 +56,18 @@ def _draw_users(ax: Axes, answer: Answer, of_user: dict[str, Style]) -> None:
         alignment="left",
         loc="upper left",
         ncols=-(-len(captions) // ROWS_PER_COLUMN),
-        fontsize=9 if len(captions) <= ROWS_PER_COLUMN else 6.5,
+        fontsize=_font_size(len(captions)),
+        labelspacing=0.3,
         borderpad=0.8,
         borderaxespad=0.0,
         columnspacing=0.8,
     )
     legend.set_in_layout(False)  # else a long name would narrow the map
+
+
+def _font_size(rows: int) -> float:
+    """So that the list ends above the symbols."""
+    return 9.0 if rows <= ROWS_IN_LARGE_PRINT else 7.5 if rows <= ROWS_PER_COLUMN else 6.5
 
 
 def _sample(style: Style, static: bool) -> Line2D:

@@ -6,24 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from synchronizar.arrays import Array
-from synchronizar.parameters import Parameters
-from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.answer import Answer
 from synchronizar.reporting.plots.style import REJECTED, USED
 
 SHOWN = 0.98
 """Share of the residuals that the axes must hold."""
 LEAST_SIGMAS = 6.0
 BINS = 80
-
-
-def range_sigma(answer: Answer) -> float:
-    """m: median 1 sigma of the usable ranges; the model's where the recording gives none."""
-    sigma = answer.ranges.sigma[answer.registration.ranges.usable]
-    return (
-        float(np.median(np.where(np.isnan(sigma), Parameters().ranges.sigma, sigma)))
-        if len(sigma)
-        else Parameters().ranges.sigma
-    )
 
 
 def residual_limits(answer: Answer, sigma: float) -> tuple[float, float]:

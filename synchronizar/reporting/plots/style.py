@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from synchronizar.data.registration import State
-from synchronizar.reporting.plots.answer import Answer
-from synchronizar.reporting.plots.uncertainty import axes_of, plane_covariance
+from synchronizar.reporting.answer import Answer
+from synchronizar.reporting.uncertainty import axes_of, plane_covariance
 
 # Paul Tol's muted scheme, distinct for the colour-blind, the strongest first.
 PALETTE = ("#332288", "#44AA99", "#AA4499", "#999933", "#88CCEE", "#882255", "#117733", "#DDCC77", "#CC6677")

@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
-from synchronizar.reporting.plots.history import History, UserHistory
+from synchronizar.reporting.history import History, UserHistory
 from synchronizar.reporting.plots.style import Style, short, styles_of
 
 WIDTH_IN = 12.0

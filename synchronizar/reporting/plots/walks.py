@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, FancyArrowPatch
-from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State, UserRegistration
-from synchronizar.reporting.plots.answer import Answer
-from synchronizar.reporting.plots.drift import common_from_user_at_start, drift_of
+from synchronizar.reporting.answer import Answer
+from synchronizar.reporting.drift import common_from_user_at_start, drift_of
+from synchronizar.reporting.plots.labels import Arrangement, label
 from synchronizar.reporting.plots.style import FAINT, JUMP, REJECTED, STATIC, USED, Style, few, short
-from synchronizar.reporting.plots.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
+from synchronizar.reporting.uncertainty import CHI2_95_OF_TWO, axes_of, jacobian, plane_covariance
 
 MOST_RANGES = 150
 """Ranges drawn at most: more lines would hide the walks."""
@@ -25,9 +24,8 @@ SMALLEST_M = 1.0
 MARGIN = 0.08
 ARROW = 0.06
 """Length of an arrow, as a share of the map's side."""
-HALO = (withStroke(linewidth=2.5, foreground="white"),)
-# Offsets (points) of names from their markers, so that names of users who start together do not overlap.
-NAME_OFFSETS = ((7, 6), (7, -13), (-7, 6), (-7, -13))
+MANY = 8
+"""Of more devices that move, SLAM's own tracks are left to devices.png, and everything is drawn thinner."""
 MOST_TIMES = 12
 """Jumps labelled with their time at most: more would hide the walks."""
 UNCORRECTED = (0, (3.0, 2.0))
@@ -60,9 +58,16 @@ SYMBOLS_OF_CORRECTIONS = (
 )
 
 
+def is_crowded(answer: Answer) -> bool:
+    """Whether so many move that the map would be a tangle."""
+    return len(answer.moving) > MANY
+
+
 def symbols(answer: Answer) -> tuple[Line2D, ...]:
     """Legend entries of the map's symbols."""
-    return SYMBOLS + (SYMBOLS_OF_CORRECTIONS if answer.corrects_slam else ())
+    if not answer.corrects_slam:
+        return SYMBOLS
+    return SYMBOLS + SYMBOLS_OF_CORRECTIONS[1 if is_crowded(answer) else 0 :]
 
 
 def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
@@ -71,22 +76,13 @@ def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
     _draw_ranges(ax, answer)
     for name in answer.tracks:
         _draw_user(ax, answer, name, styles[name], span)
+    labels = [
+        label(ax, short(name), track.position[0], styles[name].colour, 8.5 if is_crowded(answer) else 10.0, bold=True)
+        for name, track in answer.tracks.items()
+    ]
     if answer.corrects_slam:
-        _draw_corrections(ax, answer, styles)
-    for index, (name, track) in enumerate(answer.tracks.items()):
-        dx, dy = NAME_OFFSETS[index % len(NAME_OFFSETS)]
-        ax.annotate(
-            short(name),
-            (track.position[0, 0], track.position[0, 1]),
-            xytext=(dx, dy),
-            textcoords="offset points",
-            ha="left" if dx > 0 else "right",
-            color=styles[name].colour,
-            fontsize=10,
-            fontweight="bold",
-            path_effects=HALO,
-            zorder=6,
-        )
+        labels += _draw_corrections(ax, answer, styles)
+    ax.add_artist(Arrangement(labels))
 
 
 def _frame_the_map(ax: Axes, answer: Answer) -> float:
@@ -97,12 +93,12 @@ def _frame_the_map(ax: Axes, answer: Answer) -> float:
     walks = [track.position[:, :2] for track in answer.tracks.values()]
     for name, user in answer.registration.users.items():
         if user.state is State.AMBIGUOUS:
-            walks += [walk[:, :2] for walk in _other_walks(answer, name)]
+            walks += [walk[:, :2] for walk in answer.other_walks(name)]
     corners = np.concatenate([[walk.min(axis=0), walk.max(axis=0)] for walk in walks])
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle, span = 0.5 * (low + high), max(float((high - low).max()), SMALLEST_M)
     ax.update_datalim([middle - 0.25 * span, middle + 0.25 * span])
-    if answer.corrects_slam:
+    if answer.corrects_slam and not is_crowded(answer):
         for name in answer.moving:
             walk = drift_of(answer, name).uncorrected.position[:, :2]
             corners = np.array([walk.min(axis=0), walk.max(axis=0)])
@@ -119,18 +115,9 @@ def _frame_the_map(ax: Axes, answer: Answer) -> float:
     return span
 
 
-def _other_walks(answer: Answer, name: str) -> list[Array]:
-    """(n, 3) m, common frame: the user's walk under each alternative but the best."""
-    frame = answer.registration.users[name].common_from_user
-    assert frame is not None
-    others = [other.common_from_user.get(name) for other in answer.registration.alternatives[1:]]
-    own = frame.inverse() @ answer.tracks[name].position
-    return [replace(other, scale=frame.scale) @ own for other in others if other is not None]
-
-
-def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
-    """Draw SLAM's own tracks, and its jumps."""
-    for name in answer.moving:
+def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> list[Annotation]:
+    """Draw SLAM's own tracks, and its jumps; return the labels of these."""
+    for name in () if is_crowded(answer) else answer.moving:
         walk = drift_of(answer, name).uncorrected.position
         ax.add_collection(
             LineCollection(
@@ -144,20 +131,15 @@ def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> Non
             autolim=False,
         )
     jumps = [(name, jump) for name in answer.moving for jump in answer.registration.users[name].jumps]
+    labels = []
     for name, jump in jumps:
         x, y, _ = answer.tracks[name].position[jump.pose]
-        ax.plot(x, y, JUMP, color=styles[name].colour, markersize=9, markeredgecolor="white", zorder=5)
+        size = 6 if is_crowded(answer) else 9
+        ax.plot(x, y, JUMP, color=styles[name].colour, markersize=size, markeredgecolor="white", zorder=5)
         if len(jumps) <= MOST_TIMES:
-            ax.annotate(
-                f"{answer.elapsed(name, np.array([jump.t]))[0]:.1f} s",
-                (x, y),
-                xytext=(7, 3),
-                textcoords="offset points",
-                color=styles[name].colour,
-                fontsize=8,
-                path_effects=HALO,
-                zorder=6,
-            )
+            when = f"{answer.elapsed(name, np.array([jump.t]))[0]:.1f} s"
+            labels.append(label(ax, when, (x, y), styles[name].colour, 8.0))
+    return labels
 
 
 def _draw_ranges(ax: Axes, answer: Answer) -> None:
@@ -169,16 +151,19 @@ def _draw_ranges(ax: Axes, answer: Answer) -> None:
     for used, colour in ((True, USED), (False, REJECTED)):
         chosen = lines[verdicts.used[rows] == used]
         ax.add_collection(
-            LineCollection(list(chosen), colors=colour, linewidths=0.6, alpha=0.4, zorder=1), autolim=False
+            LineCollection(
+                list(chosen), colors=colour, linewidths=0.6, alpha=0.15 if is_crowded(answer) else 0.4, zorder=1
+            ),
+            autolim=False,
         )
 
 
 def _draw_user(ax: Axes, answer: Answer, name: str, style: Style, span: float) -> None:
     user, position = answer.registration.users[name], answer.tracks[name].position
     if user.state is State.AMBIGUOUS:
-        for walk in _other_walks(answer, name):
-            _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT)
-    _draw_walk(ax, position, user, style, alpha=0.9)
+        for walk in answer.other_walks(name):
+            _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT, width=1.5)
+    _draw_walk(ax, position, user, style, alpha=0.9, width=0.7 if is_crowded(answer) else 1.5)
     _draw_ellipse(ax, user, position[-1], style, largest=span)
     if not user.static:
         if not answer.corrects_slam:  # else the covariance is that of the frame at the end alone
@@ -188,13 +173,13 @@ def _draw_user(ax: Axes, answer: Answer, name: str, style: Style, span: float) -
         _draw_unseen(ax, user, position[-1], style, ARROW * span)
 
 
-def _draw_walk(ax: Axes, walk: Array, user: UserRegistration, style: Style, alpha: float) -> None:
+def _draw_walk(ax: Axes, walk: Array, user: UserRegistration, style: Style, alpha: float, width: float) -> None:
     x, y = walk[:, 0], walk[:, 1]
     if user.static:
         ax.plot(x[:1], y[:1], "^", color=style.colour, markersize=9, alpha=alpha, zorder=4)
         return
     rows = few(len(walk))
-    ax.plot(x[rows], y[rows], linestyle=style.dashes, color=style.colour, linewidth=1.5, alpha=alpha, zorder=3)
+    ax.plot(x[rows], y[rows], linestyle=style.dashes, color=style.colour, linewidth=width, alpha=alpha, zorder=3)
     ax.plot(x[:1], y[:1], "o", color=style.colour, markersize=7, markeredgecolor="white", alpha=alpha, zorder=5)
     ax.plot(x[-1:], y[-1:], "s", color=style.colour, markersize=6, markeredgecolor="white", alpha=alpha, zorder=5)
 

@@ -1,20 +1,22 @@
-"""A registration with its tracks and ranges, as the plots need them."""
+"""A registration with its tracks and ranges, as plots and reports need them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from synchronizar.arrays import Array
+from synchronizar.data.range_ends import range_ends
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
 from synchronizar.data.track import Track
 from synchronizar.io.registration_reader import read_registration
+from synchronizar.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,25 @@ class Answer:
 
     @property
     def began(self) -> float:
-        """s, range clock: time 0 of the plots: the first range, or the first pose where there is no range."""
+        """s, range clock: time 0 of plots: the first range, or the first pose where there is no range."""
         if len(self.ranges):
             return float(self.ranges.t.min())
         return min((float(self.tracks[name].t[0]) - self.clock_offset(name) for name in self.moving), default=0.0)
+
+    @property
+    def range_sigma(self) -> float:
+        """m: median 1 sigma of the usable ranges; the model's where the recording gives none."""
+        sigma = self.ranges.sigma[self.registration.ranges.usable]
+        model = Parameters().ranges.sigma
+        return float(np.median(np.where(np.isnan(sigma), model, sigma))) if len(sigma) else model
+
+    def other_walks(self, name: str) -> list[Array]:
+        """(n, 3) m, common frame: the walk of a user that has a frame under each alternative but the best."""
+        frame = self.registration.users[name].common_from_user
+        assert frame is not None
+        others = [other.common_from_user.get(name) for other in self.registration.alternatives[1:]]
+        own = frame.inverse() @ self.tracks[name].position
+        return [replace(other, scale=frame.scale) @ own for other in others if other is not None]
 
     def clock_offset(self, name: str) -> float:
         """s: the user's own stamp minus the range stamp of the same event; 0 for a static radio."""
@@ -65,20 +82,7 @@ class Answer:
 
     def ends(self, rows: NDArray[np.intp]) -> Array:
         """(n, 2, 3) m, common frame: positions of both devices at n of the ranges; NaN where unknown."""
-        t = self.ranges.t[rows]
-        positions = np.full((len(rows), 2, 3), np.nan)
-        for index, name in enumerate(self.names):
-            track = self.tracks.get(name)
-            if track is None:
-                continue
-            for end, who in enumerate((self.ranges.a[rows], self.ranges.b[rows])):
-                mine = np.flatnonzero(who == index)
-                if self.registration.users[name].static:
-                    positions[mine, end] = track.position[0]
-                else:
-                    poses = track.at(t[mine] + self.clock_offset(name), np.inf)
-                    positions[mine[poses.valid], end] = poses.position[poses.valid]
-        return positions
+        return range_ends(self.ranges.select(rows), self.registration, self.tracks, np.inf)
 
 
 def read_answer(folder: Path, recording: Recording) -> Answer:

@@ -10,7 +10,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame
 from synchronizar.quaternions import inverse_quaternions, multiply_quaternions, yaw_of_quaternions
-from synchronizar.reporting.plots.answer import Answer
+from synchronizar.reporting.answer import Answer
 
 
 @dataclass(frozen=True)
