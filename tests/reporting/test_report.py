@@ -281,8 +281,11 @@ def test_nothing_is_wider_than_the_page(chromium: Any, page: Path, width: int) -
     assert shown.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_print_is_dark_on_white_without_controls_and_no_wider_than_a_sheet(chromium: Any, page: Path) -> None:
-    shown, _ = opened(chromium, page, 720, dark=True)
+@pytest.mark.parametrize("of", ["answer", "live"])
+def test_print_is_dark_on_white_without_controls_and_no_wider_than_a_sheet(
+    chromium: Any, recording: Recording, of: str, request: pytest.FixtureRequest
+) -> None:
+    shown, _ = opened(chromium, write_report(recording, request.getfixturevalue(of), "walk"), 720, dark=True)
     assert shown.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
     shown.emulate_media(media="print")
     assert shown.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"

@@ -50,9 +50,9 @@ class Arrangement(Artist):
         """Place each label in the order given, the first ones nearest to their markers."""
         if self.axes is None:
             return
-        point = renderer.points_to_pixels(1.0)
+        point = float(np.asarray(renderer.points_to_pixels(1.0)).item())
         inside = self.axes.get_window_extent(renderer)
-        marks = [self.axes.transData.transform(one.xy) for one in self._labels]
+        marks = [tuple(self.axes.transData.transform(one.xy).tolist()) for one in self._labels]
         half = MARKER_PT * point
         taken = [Bbox.from_extents(x - half, y - half, x + half, y + half) for x, y in marks]
         for one, mark in zip(self._labels, marks, strict=True):

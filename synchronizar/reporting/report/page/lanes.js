@@ -1,7 +1,7 @@
 // Over time: each device's state, or when it was there and how many of its ranges were rejected; and how sure it was.
 
 import { choice, choose, isFaded, onChoice, toggleUser } from "./choice.js";
-import { cleared, colourOf, element, lineOf, plain, pointIn, timeAxis, writing } from "./svg.js";
+import { cleared, colourOf, element, lineOf, moveCursor, plain, pointIn, timeAxis, writing } from "./svg.js";
 import { hideTip, showTip } from "./tip.js";
 import { UNUSABLE, USED, end, events, firstFrom, historyAt, jumps, ranges, stateAt, updates, users, values } from "./values.js";
 import { degrees, jumpWords, number } from "./words.js";
@@ -14,7 +14,6 @@ const HEIGHTS = { registered: 0.86, ambiguous: 0.58, unobservable: 0.34, disconn
 const BINS = 90;
 const SIGMA_HEIGHT = 220;
 let [left, right, row] = [100, 900, 20];
-const cursors = new Map();
 
 const timeToX = (t) => left + ((right - left) * t) / end;
 
@@ -66,14 +65,13 @@ export function drawLanes() {
       element("path", { class: "jump", d: `M${x - 4} ${middle - 4}l8 8m0 -8l-8 8`, stroke: "var(--ink)" }, lane);
     }
   }
-  cursors.set(lanes, element("path", { class: "cursor" }, lanes));
   if (values.causal) drawSigma();
   moveCursors();
 }
 
 function moveCursors() {
-  for (const [svg, cursor] of cursors) {
-    cursor.setAttribute("d", `M${timeToX(choice.t)} 0V${svg.viewBox.baseVal.height - 20}`);
+  for (const svg of values.causal ? [lanes, sigma] : [lanes]) {
+    moveCursor(svg, timeToX(choice.t), svg.viewBox.baseVal.height - 20);
   }
 }
 
@@ -176,7 +174,6 @@ function drawSigma() {
     });
     lineOf(user, { class: "line", "stroke-width": 1.5, opacity: isFaded(user.index) ? 0.15 : 1, d }, sigma);
   }
-  cursors.set(sigma, element("path", { class: "cursor" }, sigma));
 }
 
 function quantiles(known) {

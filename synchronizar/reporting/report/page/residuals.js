@@ -1,7 +1,7 @@
 // The residual of each range over time.
 
 import { choice, choose, isChosen, onChoice } from "./choice.js";
-import { cleared, element, plain, pointIn, ticks, timeAxis, writing } from "./svg.js";
+import { cleared, element, moveCursor, plain, pointIn, ticks, timeAxis, writing } from "./svg.js";
 import { hideTip, showTip } from "./tip.js";
 import { UNUSABLE, USED, classOf, end, ranges, users, values } from "./values.js";
 import { rangeWords } from "./words.js";
@@ -14,7 +14,6 @@ const LEFT = 46;
 const BEYOND = 0.01;
 const LEAST_SIGMAS = 4;
 let [right, low, high, points] = [900, -1, 1, []];
-let cursor = null;
 
 const instantX = (t) => LEFT + ((right - LEFT) * t) / end;
 const offY = (off) => BOTTOM - 4 - ((Math.min(Math.max(off, low), high) - low) / (high - low)) * (BOTTOM - 8);
@@ -23,7 +22,7 @@ export function startResiduals() {
   drawResiduals();
   onChoice((changed) => {
     if (["user", "pair", "rejected"].some((of) => changed.has(of))) drawResiduals();
-    else moveCursor();
+    else showMoment();
   });
   residuals.addEventListener("pointermove", (event) => {
     const point = nearestPoint(event);
@@ -72,12 +71,11 @@ export function drawResiduals() {
     const drawn = element("path", { class: `dot${n > 6 ? " off" : ""}`, d: path }, residuals);
     drawn.style.stroke = `var(--r${n % 7})`;
   });
-  cursor = element("path", { class: "cursor" }, residuals);
-  moveCursor();
+  showMoment();
 }
 
-function moveCursor() {
-  cursor.setAttribute("d", `M${instantX(choice.t)} 0V${BOTTOM}`);
+function showMoment() {
+  moveCursor(residuals, instantX(choice.t), BOTTOM);
 }
 
 function nearestPoint(event) {

@@ -51,6 +51,14 @@ export function pointIn(svg, event) {
   return [((event.clientX - box.left) * width) / box.width, ((event.clientY - box.top) * height) / box.height];
 }
 
+// Moves the line of the moment that is looked at, which stands above a drawing down to a height in its own units.
+export function moveCursor(svg, x, height) {
+  const { width, height: whole } = svg.viewBox.baseVal;
+  const style = svg.parentElement.querySelector(".cursor").style;
+  style.left = `${(100 * x) / width}%`;
+  style.height = `${(100 * height) / whole}%`;
+}
+
 export function timeAxis(svg, x, end, top, bottom, most) {
   for (const t of ticks(0, end, most)) {
     element("path", { class: "grid", d: `M${x(t)} ${top}V${bottom}` }, svg);
