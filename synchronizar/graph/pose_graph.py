@@ -60,6 +60,19 @@ class EmWeights:
     """(k,): the same weight of each origin's height about the mean level, and of each surveyed radio's place."""
 
 
+class CalibrationPriors(NamedTuple):
+    """Priors of the calibrations of a active users; see `calibration_priors` where they are measured."""
+
+    own: Array
+    """(3,) 1 sigma of each device's deviation in log scale, bias (m) and clock offset (s)."""
+    common: Array
+    """(3,) 1 sigma of what all share."""
+    spread: Array | None = None
+    """(3 a, 3 a) covariance of the calibrations on top, since nobody knows these sigmas; None where they are given."""
+    usual_variances: Array | None = None
+    """(a, 3) posterior variances under the usual priors; None where these are the usual ones."""
+
+
 class LocalOptimum(NamedTuple):
     """A local minimum of a pose graph's cost, or where EM stopped on the way to it."""
 
@@ -97,6 +110,7 @@ class PoseGraph:
         """(k,) m: of each surveyed radio's place, on each axis."""
         self.known_bias_sigma = known_bias_sigmas(self.users, parameters)
         """(k,) m: of each radio's bias beside the known one; infinite where none is known."""
+        self.calibration_priors = CalibrationPriors(*calibration_sigmas(parameters))
         self._read_antennas(np.zeros(len(self.users)))
 
     @property
@@ -185,6 +199,12 @@ class PoseGraph:
         out.keyframes = keyframes
         return out
 
+    def with_calibration_priors(self, priors: CalibrationPriors) -> Self:
+        """The same graph with other priors of calibrations."""
+        out = copy(self)
+        out.calibration_priors = priors
+        return out
+
     def initial_states(self, frames: Array, calibration: Array | None = None) -> States:
         """SLAM's own poses as states, with anchors at frames (k, 4) x, y, z (m), yaw (rad); `calibration` (k, 3)."""
         return slam_states(
@@ -218,7 +238,7 @@ class PoseGraph:
     def walk_noise(self, about: Array, em_weights: EmWeights) -> WalkNoise:
         """Weights and priors of the walks; the wide priors of position and yaw are centred on frames (k, 4)."""
         m, users, surveyed = self.parameters, self.active_users, self.problem.surveyed
-        own, common = calibration_sigmas(m)
+        own, common = self.calibration_priors[:2]
         about = about.copy()
         about[surveyed, :3] = self.problem.survey[surveyed]
         height = np.where(surveyed, self.survey_sigma, self.height_sigma) / np.sqrt(em_weights.height_weight)
@@ -321,7 +341,7 @@ class PoseGraph:
 
     def _calibration_weights(self, states: States, before: EmWeights) -> tuple[Array, float]:
         """Weights (k + 1, 3) of the device calibrations, the last row of the shared one, and their cost."""
-        own, common = calibration_sigmas(self.parameters)
+        own, common = self.calibration_priors[:2]
         shared = self.shared_calibration(states, before.calibration_weight)
         squares = np.zeros((len(self.users) + 1, 3))
         squares[self.active_users] = ((states.calibration[self.active_users] - shared) / own) ** 2
@@ -332,7 +352,7 @@ class PoseGraph:
 
     def shared_calibration(self, states: States, calibration_weight: Array) -> Array:
         """(3,) the most likely shared calibration, given weights (k + 1, 3)."""
-        own, common = calibration_sigmas(self.parameters)
+        own, common = self.calibration_priors[:2]
         weight = calibration_weight[self.active_users] / own**2
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
         return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)
