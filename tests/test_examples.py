@@ -18,7 +18,7 @@ LARGEST_ERROR_M = 0.3
 def run(*arguments: str | Path, folder: Path) -> str:
     """What a program prints; it must end well and say nothing on stderr."""
     done = subprocess.run(
-        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=120
+        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=300
     )
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.apps.catch import p95, world_of
+from experiments.apps.shown import p95
 from experiments.common.full_oracle import common_from_world
 from experiments.common.results import as_lines
 from experiments.live import browser
@@ -200,7 +200,7 @@ def judged(simulation: Simulation, result: dict[str, Any]) -> dict[str, Any]:
     screen = []
     truth = simulation.truth["phone1"]
     for t, at, placing in result["drawn"]:
-        world = world_of(simulation, "phone4", at, placing)
+        world = simulation.world_from_user["phone4"] @ (YawFrame(*placing).inverse() @ np.array(at))
         there = np.array([np.interp(t - result["began"], truth.t, axis) for axis in truth.position.T])
         screen.append(float(np.linalg.norm((world - there)[:2])))
     marks = {o.id: o.position for o in objects if o.kind == "eyes mark"}

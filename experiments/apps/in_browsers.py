@@ -28,7 +28,7 @@ from experiments.apps.shown import LOG, SETTLED_S, Frame, Judged, Walker, frames
 from experiments.common.markdown import markdown
 from experiments.live import browser
 from experiments.live.room import CRYSTAL_PPM, STAMP_SIGMA, TICK_S, drifting, place_at
-from experiments.live.walkers import server
+from experiments.live.walkers import ranges_between, say_ranges, server
 from synchronizar.apps.catch.game import BALL
 from synchronizar.apps.robot.__main__ import SETTINGS
 from synchronizar.apps.robot.body import SimulatedBody
@@ -54,6 +54,8 @@ NAMES = (PROGRAM, *PHONES, LATE, ROBOT)
 """By the addresses of their modules."""
 LATE_AT, RELOADED_AT = 0.25, 2.0 / 3.0
 """Shares of the time."""
+LONGER_S = 240.0
+"""s: so much longer they play at most, until enough is drawn."""
 HELD_S = 1.5
 PUT_EVERY_S = 4.0
 RADIO_M = 0.35
@@ -61,6 +63,8 @@ RADIO_M = 0.35
 STARTS, OPERATOR = Ground(3.5, 3.5, -2.4), Twist(0.35, 0.45)
 """Of the robot, and how somebody drives it until it is registered."""
 THROW = "() => { synchronizar.app.select.start(); synchronizar.app.select.end(); }"
+IN_PLACE = "synchronizar.frame?.registered && synchronizar.frame.opacity === 1"
+ADVICE = "() => document.querySelector('#advice').textContent"
 KEY = """(address) => new Promise((resolve) => {
   const { client } = synchronizar;
   client.addEventListener("module_key", ({ detail }) => resolve(detail.key), { once: true });
@@ -102,9 +106,26 @@ def _looking(simulation: Simulation, name: str) -> tuple[Track, Track]:
 class Game:
     """One application with everybody in it, and what was seen of it."""
 
-    def __init__(self, app: str, simulation: Simulation, seed: int = 0, size: tuple[int, int] = (240, 400)) -> None:
-        """`size`: of the phones' screens, px."""
+    def __init__(
+        self,
+        app: str,
+        simulation: Simulation,
+        seed: int = 0,
+        size: tuple[int, int] = (240, 400),
+        late: str = LATE,
+        partner: str | None = None,
+        seconds: float | None = None,
+        frames: int = 0,
+    ) -> None:
+        """`size`: of the phones' screens, px. `late`: who comes late.
+
+        `partner`: the program with which alone that one ranges, by simulated ranges that the program says; None: it has
+        a module in the air, as all others have. `seconds`: how long they play, None: as long as they walk; where fewer
+        than `frames` were drawn in place until then, as on a slow machine, they play on while they walk.
+        """
         self.app, self.simulation, self._seed, self._size = app, simulation, seed, size
+        self.late, self._partner = late, partner
+        self.seconds, self._frames = simulation.scene.seconds if seconds is None else seconds, frames
         self.pages: dict[str, Page] = {}
         self.room: Page | None = None
         self.clients: dict[str, Client] = {}
@@ -117,13 +138,15 @@ class Game:
         """Of what was put down, of when the pose was (s, the room's clock) at which it was, and by whom."""
         self.events: dict[str, float] = {}
         """s since the walk began, by what happened first then."""
+        self.advised: dict[str, list[str]] = {name: [] for name in PHONES}
+        """What each page has told its phone to do before it was in place, one after the other."""
         self.complaints: list[list[str]] = []
 
     async def play(self, where: dict[str, Any], look: Look | None = None) -> None:
-        """Until the walk's end. `look`: does something beside it, from when the first page is in place."""
+        """Until the end. `look`: does something beside it, from when the first page is in place."""
         from playwright.async_api import async_playwright
 
-        seconds = self.simulation.scene.seconds
+        seconds = self.seconds
         async with AsyncExitStack() as stack:
             playwright = await stack.enter_async_context(async_playwright())
             chromium = await browser.launch(playwright)
@@ -132,29 +155,29 @@ class Game:
                 self.pages[name] = await (await browser.context(chromium, *self._size, phone=True)).new_page()
             self.complaints = [browser.complaints(page) for page in (self.room, *self.pages.values())]
             await self.room.goto(f"{where['url']}/room#{where['room']}")
+            # However long pages take to load, people have the whole time.
+            for name, page in self.pages.items():
+                await browser.arrive(page, where["url"], where["room"], name)
             self.began = time.time() + 0.5
             session, key = await self._enter(stack, where, PROGRAM)
             air = stack.enter_context(LiveAir(session, where["udp_port"], self._seed, stamp_sigma=STAMP_SIGMA))
             tasks = [asyncio.create_task(self._walks(air, PROGRAM, key))]
             if self.app == "robot":
                 tasks.append(asyncio.create_task(self._drives(stack, air, where)))
-            for name, page in self.pages.items():
-                track = self.simulation.recording.tracks[name]
-                await browser.walk_in(page, where["url"], where["room"], name, track, self.began)
-                await self._log(page)
-                key = await page.evaluate(KEY, NAMES.index(name))
-                tasks.append(asyncio.create_task(self._carries(air, name, key)))
-                tasks.append(asyncio.create_task(self._acts(name)))
+            for name in (*PHONES, LATE):
+                if name != self.late:
+                    tasks += await self._begins(stack, air, where, name)
             if look is not None:
                 tasks.append(asyncio.create_task(self._looks(look)))
             await self._until(LATE_AT * seconds)
-            _, key = await self._enter(stack, where, LATE)
-            tasks.append(asyncio.create_task(self._walks(air, LATE, key)))
+            tasks += await self._begins(stack, air, where, self.late)
             await self._until(RELOADED_AT * seconds)
             await self._reload(PHONES[1])
             await self._until(seconds)
-            for name in PHONES:
-                await self._gather(name)
+            await self._gather_all()
+            while self._in_place() < self._frames and time.time() - self.began < self.simulation.scene.seconds:
+                await asyncio.sleep(1.0)
+                await self._gather_all()
             for task in tasks:
                 if task.done():
                     task.result()
@@ -172,6 +195,13 @@ class Game:
         rows = json.loads(await self.pages[name].evaluate("JSON.stringify(drawn.splice(0))"))
         self.drawn[name].append(frames_of(rows))
 
+    async def _gather_all(self) -> None:
+        for name in PHONES:
+            await self._gather(name)
+
+    def _in_place(self) -> int:
+        return sum(frame.sure for pieces in self.drawn.values() for piece in pieces for frame in piece)
+
     async def _reload(self, name: str) -> None:
         await self._gather(name)
         page = self.pages[name]
@@ -180,6 +210,23 @@ class Game:
         await self._log(page)
 
     # Who walks, and with what
+
+    async def _begins(
+        self, stack: AsyncExitStack, air: LiveAir, where: dict[str, Any], name: str
+    ) -> list[asyncio.Task[None]]:
+        """Somebody comes, walks and plays from now on."""
+        if name not in PHONES:
+            _, key = await self._enter(stack, where, name)
+            return [asyncio.create_task(self._walks(air, name, key))]
+        page, recording = self.pages[name], self.simulation.recording
+        await browser.start(page, recording.tracks[name], self.began)
+        self.events[f"{name} came"] = time.time() - self.began
+        await self._log(page)
+        acts = asyncio.create_task(self._acts(name))
+        if name == self.late and self._partner is not None:
+            ranges = ranges_between(recording, name, self._partner)
+            return [acts, asyncio.create_task(say_ranges(self.clients[self._partner], ranges, self.began))]
+        return [acts, asyncio.create_task(self._carries(air, name, await page.evaluate(KEY, NAMES.index(name))))]
 
     async def _enter(self, stack: AsyncExitStack, where: dict[str, Any], name: str) -> tuple[int, str]:
         """A program: its session among modules and its module's key."""
@@ -291,7 +338,8 @@ class Game:
             await asyncio.sleep(0.2)
             t = time.time() - self.began
             with suppress(Exception):  # the page is being loaded anew
-                if not await page.evaluate("synchronizar.frame.registered && synchronizar.frame.opacity === 1"):
+                if not await page.evaluate(f"Boolean({IN_PLACE})"):
+                    await self._waits(name)
                     continue
                 self.events.setdefault(f"{name} registered", t)
                 if self.app == "catch":
@@ -306,25 +354,37 @@ class Game:
                     last, orders = t, orders + 1
                     await page.evaluate(CLICK, ("Mirror me", "Come")[orders % 4 == 0])
 
+    async def _waits(self, name: str) -> None:
+        """Somebody who is not in place yet reads what to do, and touches the screen all the same."""
+        said = await self.pages[name].evaluate(ADVICE)
+        if f"{name} registered" not in self.events and said and said not in self.advised[name][-1:]:
+            self.advised[name].append(said)
+        if self.app == "catch":
+            await self.pages[name].evaluate(THROW)
+
     def _wanted(self, name: str, t: float) -> str | None:
         """In the middle third of the time the coins are collected, then they are put down again."""
-        share = t / self.simulation.scene.seconds
+        share = t / self.seconds
         if name != PHONES[0]:
             return "Undo" if share > 0.9 else None
         return "Play" if 0.45 < share < 0.65 else "Back to building" if 0.65 <= share < 0.7 else None
 
     async def _looks(self, look: Look) -> None:
         # The other one is loaded anew on its way.
-        await browser.until(self.pages[PHONES[0]], "synchronizar.frame?.registered && synchronizar.frame.opacity === 1")
+        await browser.until(self.pages[PHONES[0]], IN_PLACE)
         await look(self)
 
     # How it was
 
+    def walked(self) -> Judged:
+        """What the pages have drawn, beside where everybody was."""
+        names = [name for name in NAMES if name != ROBOT]
+        return Judged({name: Walker(self.simulation, name, self.began) for name in names}, self.drawn)
+
     def judged(self) -> dict[str, Any]:
         """Lengths in m."""
-        names = [name for name in NAMES if name != ROBOT]
-        walkers = {name: Walker(self.simulation, name, self.began) for name in names}
-        of = Judged(walkers, self.drawn)
+        of = self.walked()
+        walkers = of.walkers
         phases: dict[str, tuple[Any, float]] = {}
         robot = np.array(self.robot or [(0.0, 0.0, 0.0)])
 
@@ -344,7 +404,7 @@ class Game:
             return None if at is None else walkers[frame.ball["by"]].hand(at)
 
         off, beside, arcs = of.off(truth), of.beside_one_another(), of.arcs()
-        came, late = self.events.get(f"{LATE} came"), self.events.get(f"{LATE} registered")
+        came, late = self.events.get(f"{self.late} came"), self.events.get(f"{self.late} registered")
         return {
             "application": self.app,
             "frames": of.frames(),
@@ -362,13 +422,22 @@ CLICK = """(words) => [...document.querySelectorAll("#app button")]
   .find((button) => button.textContent === words && button.offsetParent !== null)?.click()"""
 
 
-def run(app: str, seconds: float, seed: int, look: Look | None = None, **options: Any) -> tuple[dict[str, Any], Path]:
-    """One game: how it was, and the folder in which its room is recorded."""
-    game = Game(app, scene(seconds, seed), seed, **options)
-    folder = Path(tempfile.mkdtemp(prefix=f"{app}-"))
-    with server("--app", app, "--record", str(folder)) as where:
+def record(game: Game, look: Look | None = None) -> Path:
+    """Play it; the folder in which its room is recorded."""
+    folder = Path(tempfile.mkdtemp(prefix=f"{game.app}-"))
+    with server("--app", game.app, "--record", str(folder)) as where:
         asyncio.run(game.play(where, look))
     (recorded,) = folder.glob("room-*")
+    return recorded
+
+
+def run(
+    app: str, seconds: float, seed: int, look: Look | None = None, frames: int = 0, **options: Any
+) -> tuple[dict[str, Any], Path]:
+    """One game: how it was, and the folder in which its room is recorded; `frames` as `Game` has it."""
+    walk = scene(seconds + LONGER_S * (frames > 0), seed)
+    game = Game(app, walk, seed, seconds=seconds, frames=frames, **options)
+    recorded = record(game, look)
     words = read_words(recorded)
     newest = {word.object.id: word.object for word in words if word.object is not None}
     return game.judged() | {"words written": len(words), "objects written": len(newest)}, recorded

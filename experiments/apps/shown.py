@@ -113,20 +113,23 @@ class Judged:
 
     def __init__(self, walkers: Mapping[str, Walker], pages: Mapping[str, list[list[Frame]]]) -> None:
         """`walkers`: everybody; `pages`: of each phone with a page what it drew, in pieces between its reloads."""
-        self._walkers, self._pages = walkers, pages
+        self.walkers, self._pages = walkers, pages
 
     def frames(self) -> int:
         """How many were drawn while the page was sure."""
         return sum(frame.sure for pieces in self._pages.values() for piece in pieces for frame in piece)
 
-    def swims(self) -> float:
-        """The largest step in a 60th of a second, in the phone's own frame, of anything that stands."""
+    def swims(self, name: str | None = None, begin: float = -np.inf, end: float = np.inf) -> float:
+        """The largest step in a 60th of a second, in the phone's own frame, of anything that stands.
+
+        `name`: of that phone's page alone; `begin`, `end`: between these, s since 1970.
+        """
         steps = [0.0]
-        for pieces in self._pages.values():
+        for pieces in self._pages.values() if name is None else [self._pages[name]]:
             for piece in pieces:
                 for before, now in pairwise(piece):
                     dt = now.wall - before.wall
-                    if not (before.sure and now.sure and 0.0 < dt < LONGEST_S):
+                    if not (before.sure and now.sure and 0.0 < dt < LONGEST_S and begin < now.wall < end):
                         continue
                     for place in now.things.values():
                         moved = now.placing.inverse() @ place - before.placing.inverse() @ place
@@ -139,7 +142,7 @@ class Judged:
         for name, frame in self._sure():
             for id_, place in frame.things.items():
                 if (true := truth(id_, frame, name)) is not None:
-                    out.append(float(np.linalg.norm((self._walkers[name].in_room(frame, place) - true)[:2])))
+                    out.append(float(np.linalg.norm((self.walkers[name].in_room(frame, place) - true)[:2])))
         return out
 
     def beside_one_another(self) -> list[float]:
@@ -147,7 +150,7 @@ class Judged:
         out = []
         for one, other, a, b in self._pairs():
             for place in one.things.values():
-                away = self._walkers[a].in_room(one, place) - self._walkers[b].in_room(other, place)
+                away = self.walkers[a].in_room(one, place) - self.walkers[b].in_room(other, place)
                 out.append(float(np.linalg.norm(away[:2])))
         return out
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.apps.catch import hand
+from experiments.apps.shown import Walker
 from experiments.common.markdown import markdown
 from experiments.live.room import common_from_world_of, listen
 from experiments.live.walkers import server, walk
@@ -71,7 +71,7 @@ async def day(
                         wanted += 1
                     for thing in known:
                         if coins:
-                            out["put"].setdefault(thing.id, hand(simulation, first, t))
+                            out["put"].setdefault(thing.id, Walker(simulation, first, 0.0).hand(t))
                         out["lie"][thing.id] = _in_world(simulation, stage, thing)
         for task in tasks:
             task.cancel()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import resource
 import time
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,6 +41,23 @@ def usage_of(process: int) -> tuple[Usage, Usage]:
     """Of a running process, and of all that it started that run still."""
     rows = _below(process)
     return tuple(_usage([row for n, row in rows.items() if (n == process) is own]) for own in (True, False))  # type: ignore[return-value]
+
+
+def usage_by_kind(process: int, kinds: Mapping[str, bytes]) -> dict[str, Usage]:
+    """Of a running process (`own`), and of all that it started that run still, by what stands in their command lines.
+
+    Where several kinds fit the first counts; what fits none is left out.
+    """
+    rows: dict[str, list[list[str]]] = {"own": [], **{kind: [] for kind in kinds}}
+    for number, row in _below(process).items():
+        if number == process:
+            rows["own"].append(row)
+            continue
+        with suppress(OSError):
+            command = Path(f"/proc/{number}/cmdline").read_bytes()
+            if kind := next((kind for kind, part in kinds.items() if part in command), None):
+                rows[kind].append(row)
+    return {kind: _usage(of) for kind, of in rows.items()}
 
 
 def processes_below(process: int) -> list[int]:

@@ -32,7 +32,6 @@ from contextlib import AsyncExitStack, ExitStack, suppress
 from functools import cache, partial
 from itertools import pairwise
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -40,7 +39,7 @@ import aiohttp
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.common.cpu import Usage, processes_below, usage_of
+from experiments.common.cpu import Usage, usage_by_kind
 from experiments.common.markdown import markdown
 from experiments.common.results import write_table
 from synchronizar.arrays import Array
@@ -375,15 +374,8 @@ async def _in_rooms(
 
 def _usage(server: int) -> tuple[Usage, Usage, Usage]:
     """Of a server, of its solvers, and of their searches."""
-    solvers, searches = [], []
-    for process in processes_below(server):
-        with suppress(OSError):
-            command = Path(f"/proc/{process}/cmdline").read_bytes()
-            for kind, of in ((b"live.estimating", solvers), (b"incremental.worker", searches)):
-                if kind in command:
-                    of.append(usage_of(process)[0])
-    own, *others = [usage_of(server)[0]], solvers, searches
-    return tuple(Usage(sum(u.cpu for u in of), sum(u.megabytes for u in of)) for of in (own, *others))  # type: ignore[return-value]
+    of = usage_by_kind(server, {"solvers": b"live.estimating", "searches": b"incremental.worker"})
+    return of["own"], of["solvers"], of["searches"]
 
 
 def _line(at: Moment) -> str:

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import time
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -51,18 +52,37 @@ async def walk(client: Client, recording: Recording, own: Iterable[str], began: 
     try:
         while True:
             now = time.time() - began
-            count = sum(1 for pose in poses if pose[0] <= now)
+            count = bisect_right(poses, now, key=lambda pose: pose[0])
             await client.send_poses([(name, began + t, xyz, quat) for t, name, xyz, quat in poses[:count]])
             del poses[:count]
-            count = sum(1 for measured in ranges if measured.t <= now)
-            known = [one for one in ranges[:count] if {one.a, one.b} <= client.members.keys()]
-            if known:
-                await client.send_ranges([_at(measured, began) for measured in known])
-            del ranges[:count]
+            await _say_due(client, ranges, began)
             await asyncio.sleep(_BEAT_S)
     finally:
         if hearing is not None:
             hearing.cancel()
+
+
+async def say_ranges(client: Client, ranges: Iterable[MeasuredRange], began: float) -> None:
+    """Say ranges as they come, in the order of time; their t = 0 is at `began`. Until it is cancelled."""
+    left = list(ranges)
+    while True:
+        await _say_due(client, left, began)
+        await asyncio.sleep(_BEAT_S)
+
+
+def ranges_between(recording: Recording, a: str, b: str) -> list[MeasuredRange]:
+    """Those of two devices with one another, in the order of time."""
+    return sorted((one for one in _ranges(recording, {a}) if {one.a, one.b} == {a, b}), key=lambda one: one.t)
+
+
+async def _say_due(client: Client, left: list[MeasuredRange], began: float) -> None:
+    """What is due of those that are left to say, to a room in which both are."""
+    now = time.time() - began
+    count = bisect_right(left, now, key=lambda measured: measured.t)
+    known = [one for one in left[:count] if {one.a, one.b} <= client.members.keys()]
+    if known:
+        await client.send_ranges([_at(measured, began) for measured in known])
+    del left[:count]
 
 
 async def _hear(client: Client) -> None:

@@ -60,6 +60,8 @@ from synchronizar.simulation.simulate import Simulation, simulate
 PARTNER, USER = "phone0", "phone1"
 SAMPLES = 100
 """Ranges of a registration, as in the paper."""
+WALK_S = SAMPLES / papers_rate_hz(partners=1)
+"""s: in which these come."""
 USERS, TRIALS, SEQUENCE = 11, 3, 4
 FULL = 20
 """How many times as many trials the full run has."""
@@ -94,10 +96,10 @@ class Trial(NamedTuple):
     """(3,) whether the method says that the user is registered."""
 
 
-def walk_of(*seed: int) -> Simulation:
-    """Two people who walk until the paper's number of ranges is there."""
+def walk_of(*seed: int, seconds: float = WALK_S) -> Simulation:
+    """Two people who walk until the paper's number of ranges is there, or longer."""
     scene_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
-    return simulate(Scene(seconds=SAMPLES / papers_rate_hz(partners=1), seed=scene_seed))
+    return simulate(Scene(seconds=seconds, seed=scene_seed))
 
 
 def seen_from_true(walk: Simulation, registration: Registration) -> YawFrame:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+import time
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,9 +20,11 @@ _ENDS_WITHIN_S = 1.0
 class AppProcess:
     """Keeps one application going for one room until it is closed."""
 
-    def __init__(self, name: str, place: Place, event: Callable[[str], None]) -> None:
-        """`event` hears a sentence when it has ended by itself."""
-        self._name, self._place, self._event = name, place, event
+    def __init__(
+        self, name: str, place: Place, event: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """`event` hears a sentence when it has ended by itself; `clock` (s) says how long it lives."""
+        self._name, self._place, self._event, self._clock = name, place, event, clock
         self._process: Process | None = None
         self._keeping: asyncio.Task[None] | None = None
 
@@ -43,11 +46,12 @@ class AppProcess:
         try:
             await asyncio.wait_for(process.wait(), _ENDS_WITHIN_S)
         except TimeoutError:
-            process.kill()
+            with suppress(ProcessLookupError):  # it has ended just now
+                process.kill()
             await process.wait()
 
     async def _keep(self) -> None:
-        restarts = Restarts(asyncio.get_running_loop().time)
+        restarts = Restarts(self._clock)
         while True:
             restarts.began()
             restarts.works()  # it answers nothing: it works for as long as it lives

@@ -127,7 +127,7 @@ class Client:
         except (aiohttp.ClientError, TypeError, OSError, MessageError) as error:
             await session.close()
             raise InputError(base, f"cannot be joined: {error}") from error
-        except InputError:
+        except BaseException:  # who gives up waiting leaves nothing open either
             await session.close()
             raise
         client = cls(session, socket, welcome, joined.resume, parts.hostname, clock)

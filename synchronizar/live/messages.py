@@ -404,7 +404,7 @@ class Object(_FromRoom):
 
 
 class Objects(_FromRoom, tag="objects"):
-    """Objects that were changed or removed, in the order in which the room took it."""
+    """Objects that were changed, in the order in which the room took it, and those that are gone: none is both."""
 
     version: int
     """Rises with each change."""

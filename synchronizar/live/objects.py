@@ -42,7 +42,7 @@ class ObjectStore:
         self.objects: dict[str, Object] = {}
         self._leases: dict[str, float] = {}
         self._changed: dict[str, None] = {}
-        self._removed: list[str] = []
+        self._removed: dict[str, None] = {}
         self._sizes: dict[str, int] = {}
         """Bytes of each object's data."""
         self._saved = saved
@@ -143,7 +143,7 @@ class ObjectStore:
         del self.objects[id_], self._sizes[id_]
         self._leases.pop(id_, None)
         self._changed.pop(id_, None)
-        self._removed.append(id_)
+        self._removed[id_] = None
         self._save(id_)
 
     def alive(self, by: str, now: float) -> None:
@@ -162,8 +162,8 @@ class ObjectStore:
         if not self._changed and not self._removed:
             return None
         changed = [self.objects[id_] for id_ in self._changed]
-        out = Objects(self.version, [o for o in changed if o.waits_for is None], self._removed)
-        self._changed, self._removed = {}, []
+        out = Objects(self.version, [o for o in changed if o.waits_for is None], list(self._removed))
+        self._changed, self._removed = {}, {}
         return out if out.changed or out.removed else None
 
     def _check(self, what: Create | Object) -> None:
@@ -210,6 +210,9 @@ class ObjectStore:
 
     def _note(self, changed: Object) -> None:
         self.version += 1
+        if changed.waits_for is None:
+            # It may have been removed since the last call: who hears both would not know which came last.
+            self._removed.pop(changed.id, None)
         self._changed.pop(changed.id, None)
         self._changed[changed.id] = None
         self._save(changed)

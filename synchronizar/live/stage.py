@@ -63,6 +63,8 @@ class Stage:
         """As they stand, this application's own changes included."""
         self.players: dict[str, Player] = {}
         """Those who are registered, here and fresh: whom a game can rely on."""
+        self._own: set[str] = set()
+        """Ids of objects that are made or moved here: what the room says of them is an echo, and may be an old one."""
         self._refused: list[str] = []
         self._words: list[m.FromClient] = []
 
@@ -76,9 +78,10 @@ class Stage:
             case m.Members():
                 self.members = {member.index: member for member in word.members}
             case m.Objects():
-                self.objects |= {o.id: o for o in word.changed if not self._is_own(o)}
                 for gone in word.removed:
-                    self.objects.pop(gone, None)
+                    if gone not in self._own:
+                        self.objects.pop(gone, None)
+                self.objects |= {o.id: o for o in word.changed if o.id not in self._own or o.holder != m.APP}
             case m.Refused():
                 self._refused.append(word.what)
 
@@ -86,6 +89,7 @@ class Stage:
         self, id_: str, kind: str, position: m.Vector, quat_xyzw: m.Quaternion = UPRIGHT, data: Any = None
     ) -> None:
         """An object in the common frame that is the application's own until it lets go of it."""
+        self._own.add(id_)
         self.objects[id_] = m.Object(id_, kind, position, quat_xyzw, m.APP, m.APP, None, self.t, data)
         self._words.append(m.Create(id_, kind, position, quat_xyzw, None, data, True))
 
@@ -99,6 +103,7 @@ class Stage:
     ) -> None:
         """An object of its own, where it is now and what it goes on with; what is left out stays."""
         found = self.objects[id_]
+        self._own.add(id_)
         self.objects[id_] = msgspec.structs.replace(
             found,
             position=found.position if position is None else position,
@@ -111,6 +116,7 @@ class Stage:
 
     def remove(self, id_: str) -> None:
         """An object of its own."""
+        self._own.discard(id_)
         self.objects.pop(id_, None)
         self._words.append(m.Remove(id_))
 
@@ -137,8 +143,3 @@ class Stage:
             if member is None or pose.state != "registered" or pose.age > _FRESH_S:
                 continue
             self.players[member.name] = Player(member.name, pose.position, pose.quat_xyzw, member.up)
-
-    def _is_own(self, told: m.Object) -> bool:
-        """Whether only the application changes it: what the room says of it is an echo, and may be an old one."""
-        known = self.objects.get(told.id)
-        return known is not None and known.holder == told.holder == m.APP

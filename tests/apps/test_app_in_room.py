@@ -163,6 +163,35 @@ def test_two_play_a_game_through_the_room_and_a_third_sees_what_they_see() -> No
     assert refused(played.house.said_to(played.app)) == {}
 
 
+def test_a_player_that_is_a_program_sees_on_its_stage_what_the_application_moves() -> None:
+    played = Played()
+    ann = played.players["ann"]
+    heard = played.house.said_to(ann)
+    welcome = heard[0]
+    assert isinstance(welcome, m.Welcome)
+    stage = Stage(welcome)
+    played.go_on(0.5)
+    played.house.room.hear(ann, m.Say("throw", {"velocity": [2.5, 0.0, 1.0]}, m.APP))
+    played.go_on(2.2)
+    for word in [*heard[1:], *played.house.said_to(ann)]:
+        stage.hear(word)
+    assert stage.objects[BALL].data == {"phase": "held", "by": "bob"}
+
+
+def test_an_old_echo_changes_nothing_on_the_stage_of_whose_objects_they_are() -> None:
+    played = Played()
+    stage = played.stage
+    stage.create("bell", "bell", (1.0, 0.0, 0.0))
+    echo = stage.objects["bell"]
+    stage.move("bell", (2.0, 0.0, 0.0))
+    stage.hear(m.Objects(1, [echo]))
+    assert stage.objects["bell"].position == (2.0, 0.0, 0.0)
+    stage.remove("bell")
+    stage.create("bell", "bell", (3.0, 0.0, 0.0))
+    stage.hear(m.Objects(2, [], ["bell"]))
+    assert stage.objects["bell"].position == (3.0, 0.0, 0.0)
+
+
 def test_a_game_whose_process_died_goes_on_with_its_score() -> None:
     played = Played()
     played.go_on(0.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import aiohttp
 import pytest
@@ -12,6 +13,7 @@ from support.serving import run, serving
 
 from synchronizar.apps.catch.game import BALL
 from synchronizar.errors import InputError
+from synchronizar.live import app_process
 from synchronizar.live.app_process import AppProcess
 from synchronizar.live.app_run import Place
 from synchronizar.live.applications import application, installed
@@ -28,11 +30,7 @@ def test_catch_runs_in_a_room_whose_devices_a_recording_plays() -> None:
     async def test() -> None:
         async with serving(app="catch") as (_, address), await Client.join(address) as looks:
             assert looks.welcome.app == "catch"
-            playing = asyncio.create_task(play(walk, address, 1e9))
-            async with asyncio.timeout(90.0):
-                while BALL not in looks.objects:
-                    await looks.until(lambda _: True)
-            await playing
+            await asyncio.gather(play(walk, address, 1e9), looks.until(lambda _: BALL in looks.objects))
             assert looks.objects[BALL].holder == "app"
             assert looks.objects[BALL].data == {"phase": "held", "by": min(walk.tracks)}
 
@@ -65,16 +63,38 @@ def test_an_application_that_ends_is_begun_again_after_a_pause_that_is_told() ->
     told: list[str] = []
 
     async def test() -> None:
-        keeper = AppProcess("catch", Place("http://127.0.0.1:1/#ABCD2345", "secret", None), told.append)
+        place = Place("http://127.0.0.1:1/#ABCD2345", "secret", None)
+        keeper = AppProcess("catch", place, told.append, clock=lambda: 1000.0)  # however long it takes to end
         keeper.start()
-        async with asyncio.timeout(30.0):
-            while len(told) < 2:
-                await asyncio.sleep(0.05)
+        while len(told) < 2:
+            await asyncio.sleep(0.05)
         await keeper.close()
 
-    asyncio.run(test())
+    run(test)
     assert f"begun again in {FIRST_WAIT_S:g} s" in told[0]
     assert f"begun again in {2.0 * FIRST_WAIT_S:g} s" in told[1]
+
+
+def test_one_that_ends_just_when_it_is_to_be_killed_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[str] = []
+
+    async def wait() -> None:
+        waits.append("waits")
+        if len(waits) == 1:
+            await asyncio.sleep(3600.0)
+
+    def kill() -> None:
+        raise ProcessLookupError
+
+    async def test() -> None:
+        keeper = AppProcess("catch", Place("http://127.0.0.1:1/#ABCD2345", "secret", None), print)
+        stdin = SimpleNamespace(close=lambda: None)
+        keeper._process = SimpleNamespace(returncode=None, stdin=stdin, wait=wait, kill=kill)  # type: ignore[assignment]
+        await keeper.close()
+
+    monkeypatch.setattr(app_process, "_ENDS_WITHIN_S", 0.01)
+    run(test)
+    assert len(waits) == 2
 
 
 def test_an_application_that_there_is_not_is_refused_by_name() -> None:

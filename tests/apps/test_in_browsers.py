@@ -19,10 +19,10 @@ def _chromium() -> None:
 
 @needs_air
 def test_what_two_phones_show_of_a_game_is_where_it_is_and_the_game_is_recorded() -> None:
-    of, recorded = run("catch", seconds=45.0, seed=0)
+    of, recorded = run("catch", seconds=45.0, seed=0, frames=60)  # however slow the machine is
     shutil.rmtree(recorded.parent)
     assert of["complaints"] == []
-    assert of["frames"] > 30
+    assert of["frames"] >= 60
     # Not known of a game in which, on a slow machine, no page has drawn a ball in flight or two pages none together.
     assert not of["balls that fly, beside one another"] > 0.02
     assert not of["beside the other page"] > 0.3

@@ -145,8 +145,9 @@ def test_a_room_in_which_a_recording_is_played_shows_its_objects_instead_of_a_ga
 
     async def test() -> None:
         async with serving(app="catch") as (_, address), await Client.join(address) as looks:
-            answer = await play(walk, address, 1e9, words=words)
-            await looks.until(lambda word: isinstance(word, m.Said) and word.topic == "look")
+            # It hears meanwhile: who does not for half a minute is let go.
+            looked = looks.until(lambda word: isinstance(word, m.Said) and word.topic == "look")
+            answer, _ = await asyncio.gather(play(walk, address, 1e9, words=words), looked)
             if looks.objects[BALL] != words[2].object:  # objects are told at the room's next tick, words at once
                 await looks.until(lambda _: looks.objects[BALL] == words[2].object)
             assert SCORE not in looks.objects
@@ -183,7 +184,11 @@ def test_playing_goes_through_words_that_came_when_nothing_was_measured() -> Non
 
     async def test() -> None:
         async with serving() as (_, address), await Client.join(address) as looks:
-            await asyncio.gather(play(walk, address, 1e9, words=words), looks.until(lambda _: BALL in looks.objects))
-            await looks.until(lambda _: looks.objects[BALL].t == 99.0)
+
+            async def look() -> None:
+                await looks.until(lambda _: BALL in looks.objects)
+                await looks.until(lambda _: looks.objects[BALL].t == 99.0)
+
+            await asyncio.gather(play(walk, address, 1e9, words=words), look())
 
     run(test)

@@ -219,9 +219,9 @@ def test_ranges_of_one_moment_that_are_all_late_by_far_give_numbers() -> None:
 def test_a_chain_of_any_length_stays_finite_and_fast(e: float) -> None:
     n = 200_000
     columns = stamps(n, 0.01), np.full(n, e), np.full(n, 0.1), np.full(n, 0.25)
-    begin = time.perf_counter()
+    begin = time.process_time()
     odds, cost = burst_nlos_odds(*columns, LATE, BURSTS)
-    assert time.perf_counter() - begin < 2.0
+    assert time.process_time() - begin < 2.0
     assert np.isfinite(odds).all()
     assert np.isfinite(cost)
     # Far from the ends every range is like every other.

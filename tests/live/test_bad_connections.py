@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
-from typing import Any
 
 from support.bad_proxy import bad_proxy
-from support.serving import serving
+from support.serving import run, serving
 
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client
 
 WORDS = 30
-
-
-def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    asyncio.run(asyncio.wait_for(test(), 90.0))
 
 
 async def numbers(client: Client, last: int) -> list[int]:

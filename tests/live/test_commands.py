@@ -59,7 +59,7 @@ def test_a_recording_joins_a_server_and_is_told_where_its_devices_are(
         known.write_text(json.dumps(dict.fromkeys(json.loads(known.read_text()), "00" * 32)))
         assert "known_servers.json" in refused(capsys, "play", walk, where["join"])
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=20.0)
+        out, err = process.communicate(timeout=120.0)
         assert (process.returncode, out, err) == (0, "", "")
 
 

@@ -89,6 +89,20 @@ def test_what_is_removed_is_told_once() -> None:
         store.grab("ball", "bob", 0.0)
 
 
+def test_what_is_removed_and_there_again_at_once_is_told_as_it_now_stands() -> None:
+    store = store_with_ball()
+    store.remove("ball", "alice")
+    store.create(Create("ball", "sphere", (4.0, 5.0, 6.0)), "alice", 1.0, nowhere)
+    told = store.changes()
+    assert told is not None
+    assert (told.changed, told.removed) == ([store.objects["ball"]], [])
+    store.remove("ball", "alice")
+    store.create(Create("ball", "sphere", (4.0, 5.0, 6.0), user="bob"), "alice", 2.0, nowhere)
+    told = store.changes()
+    assert told is not None
+    assert (told.changed, told.removed) == ([], ["ball"])
+
+
 @pytest.mark.parametrize(
     ("create", "fault"),
     [

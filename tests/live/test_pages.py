@@ -55,6 +55,10 @@ HAND = """([kind, aside]) => {
 }"""
 HELD = f"[...synchronizar.client.objects.values()].find(({{ holder }}) => holder === '{PHONE}')"
 
+# Who is in the table of devices, as text: three that are in place, and a stranger.
+DEVICES = "document.getElementById('devices').innerText"
+ALL_SHOWN = f"(text => text.includes('{HOSTILE}') && text.split('in place').length === 4)({DEVICES})"
+
 # However slow the machine is: as much as is judged.
 ENOUGH = "drawn.length > 60 && new Set(drawn.map(([name]) => name)).size === 2"
 
@@ -138,8 +142,7 @@ async def visit(simulation: Simulation, where: dict[str, Any]) -> dict[str, Any]
         out["shown"] = await browser.told(phone, "[synchronizar.objects.ids, synchronizar.objects.waiting]")
         out["held"] = await take_and_put_down(phone)
         stranger = await Client.join(where["join"], [HOSTILE])
-        await browser.until(room, "synchronizar.model.users.size === 4")
-        await asyncio.sleep(0.5)
+        await browser.until(room, ALL_SHOWN)
         out["looked"] = await room.inner_text("#devices")
         out["pictures"] = await room.locator("#devices img, table img, #events img").count()
         await stranger.leave()

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("aiortc", reason="the extra `webrtc` is not installed")
 
 from support.air_built import needs_air
-from support.serving import PatientClock, serving
+from support.serving import PatientClock, run, serving
 
 from experiments.live.paper_wiring import walk_as_in_the_paper
 from experiments.live.room import Seen, summary
@@ -46,7 +46,7 @@ def test_two_devices_wired_as_in_the_paper_place_each_other() -> None:
         assert placed["phone1"]["p95"] < 0.25
         assert min(counted.by_channel.values()) > SEEN_WELL
 
-    asyncio.run(asyncio.wait_for(test(), 240.0))
+    run(test)
 
 
 def test_a_modules_datagrams_go_on_unchanged_and_what_the_room_answers_finds_back() -> None:
@@ -69,4 +69,4 @@ def test_a_modules_datagrams_go_on_unchanged_and_what_the_room_answers_finds_bac
         for one in (room, *modules):
             one.close()
 
-    asyncio.run(asyncio.wait_for(test(), 30.0))
+    run(test)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from support.house import House
+from support.serving import run
 
 from synchronizar.live.restarts import CALM_S, LONGEST_WAIT_S, Restarts
 from synchronizar.live.solver import SolverProcess
@@ -89,7 +90,7 @@ def test_trouble_is_told_until_it_works_again(tmp_path: Path, monkeypatch: pytes
         await solver.close()
         await running
 
-    asyncio.run(asyncio.wait_for(test(), 60.0))
+    run(test)
     assert waits == [0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2]
     assert events[0] == "the solver ended by itself and is begun again; nothing that was measured is lost"
     assert events[2].endswith("is left out")

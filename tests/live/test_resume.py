@@ -10,12 +10,13 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from support.serving import run
 
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
@@ -52,12 +53,22 @@ def server(*options: str) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any
             process.kill()
 
 
-def test_a_server_that_is_killed_loses_at_most_a_second_and_the_next_one_goes_on(tmp_path: Path) -> None:
-    """Objects, devices, secrets, and all that was recorded up to a second before."""
-    said: list[float] = []
+def lines(files: Iterable[Path]) -> int:
+    """Of the file that has the fewest."""
+    return min((file.read_bytes().count(b"\n") for file in files), default=0)
+
+
+def test_a_server_that_is_killed_loses_nothing_that_was_written_and_the_next_one_goes_on(tmp_path: Path) -> None:
+    """Objects, devices, secrets, and all that was on disk."""
     resume: dict[str, str] = {}
 
-    async def walk(where: dict[str, Any], seconds: float) -> None:
+    def written() -> int:
+        """Poses of each device on disk."""
+        files = list(tmp_path.glob("*/tracks/*.tum"))
+        return lines(files) if len(files) == 2 else 0
+
+    async def walk(where: dict[str, Any], count: int) -> None:
+        """Until so many poses of each are on disk."""
         async with (
             await Client.join(where["join"], ["alice"], resume=resume.get("alice")) as alice,
             await Client.join(where["join"], {"bob~": {"up": "y"}}, resume=resume.get("bob~")) as bob,
@@ -65,33 +76,31 @@ def test_a_server_that_is_killed_loses_at_most_a_second_and_the_next_one_goes_on
             resume.update({"alice": alice.resume, "bob~": bob.resume})
             if "coin" not in alice.objects:
                 await alice.say_message(m.Create("coin", "coin", (1.0, 2.0, 0.5), data={"worth": 3}))
-            until = time.time() + seconds
-            while (now := time.time()) < until:
+            while written() < count:
+                now = time.time()
                 await alice.send_pose("alice", now, [now % 10.0, 0.0, 0.0], NO_TURN)
                 await bob.send_pose("bob~", now, [0.0, 0.0, now % 10.0], NO_TURN)
                 await alice.send_range(now, "alice", "bob~", 3.0)
-                said.append(now)
                 await asyncio.sleep(0.05)
 
     with server("--record", str(tmp_path)) as (process, first):
-        asyncio.run(walk(first, 3.0))
-        killed = time.time()
+        run(lambda: walk(first, 40))
+        (folder,) = tmp_path.iterdir()
+        before = written(), lines([folder / "ranges.csv"]) - 1
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
-    (folder,) = tmp_path.iterdir()
     recorded = Recording.load(folder)
-    older = [t for t in said if t < killed - 1.5]
-    assert len(recorded.tracks["alice"]) >= len(older)
-    assert len(recorded.ranges) >= len(older)
+    assert min(map(len, recorded.tracks.values())) >= before[0]
+    assert len(recorded.ranges) >= before[1] > 0
     with server("--record", str(tmp_path), "--resume") as (process, second):
         assert second["room"] == first["room"]
         with pytest.raises(InputError, match="somebody called 'alice' already"):
             asyncio.run(Client.join(second["join"], ["alice"]))
-        asyncio.run(walk(second, 1.5))
+        run(lambda: walk(second, before[0] + 40))
         process.send_signal(signal.SIGTERM)
         assert process.wait() == 0
     recorded = Recording.load(folder)
-    assert len(recorded.tracks["bob~"]) >= len(said) - 35
+    assert min(map(len, recorded.tracks.values())) >= before[0] + 40
     assert {user.name: user.up for user in recorded.users} == {"alice": "z", "bob~": "y"}
     text = "".join(file.read_text() for file in folder.rglob("*") if file.suffix in (".json", ".toml", ".csv", ".tum"))
     assert first["room"] not in text

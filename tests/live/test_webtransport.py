@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import ssl
 import struct
-from collections.abc import Awaitable
 from hashlib import sha256
 from typing import Any
 
@@ -18,6 +17,7 @@ from aioquic.h3.connection import H3_ALPN, H3Connection
 from aioquic.h3.events import DatagramReceived, HeadersReceived
 from aioquic.quic.configuration import QuicConfiguration
 from aioquic.quic.events import StreamDataReceived
+from support.serving import run
 
 from synchronizar.live import messages as m
 from synchronizar.live.connection import serve_link
@@ -137,7 +137,7 @@ def test_words_and_poses_come_and_go_by_webtransport() -> None:
             assert poses.poses == []
         port.close()
 
-    run(test())
+    run(test)
 
 
 def test_other_paths_are_not_served_and_the_hash_is_that_of_the_certificate() -> None:
@@ -156,7 +156,7 @@ def test_other_paths_are_not_served_and_the_hash_is_that_of_the_certificate() ->
             assert (shown.not_valid_after_utc - shown.not_valid_before_utc).days < 14
         port.close()
 
-    run(test())
+    run(test)
 
 
 def test_poses_of_many_are_cut_into_messages_that_fit() -> None:
@@ -166,10 +166,6 @@ def test_poses_of_many_are_cut_into_messages_that_fit() -> None:
     assert [pose for part in parts for pose in part.poses] == poses
     assert {(part.sequence, part.t) for part in parts} == {(5, 2.5)}
     assert max(map(len, parts_of_poses(message, LARGEST_DATAGRAM))) <= LARGEST_DATAGRAM
-
-
-def run(test: Awaitable[None]) -> None:
-    asyncio.run(asyncio.wait_for(test, 30.0))  # type: ignore[arg-type]
 
 
 class Nobody:
@@ -208,7 +204,7 @@ def test_who_takes_nothing_is_sent_a_little_ahead_and_who_says_too_much_is_let_g
         for _ in range(100):
             await link.send(b"x" * 60_000, True)
 
-    run(test())
+    run(test)
 
 
 @pytest.mark.parametrize(("origin", "status"), [(b"https://evil.example", b"404"), (b"https://localhost:8443", b"200")])
@@ -222,4 +218,4 @@ def test_a_page_from_elsewhere_opens_no_session(origin: bytes, status: bytes) ->
             assert (await browser.open(b"/live", origin))[1] == status
         port.close()
 
-    run(test())
+    run(test)

@@ -18,12 +18,14 @@ from synchronizar.data.track import Track, interpolated
 from synchronizar.io.tum import read_tum
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import Dismissed, Levelled, PoseStream, SetAside, Tail, ends_of_ranges
-from synchronizar.preprocessing.relocalizations import repair_relocalizations
+from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.preprocessing.suspect_poses import frozen_poses, stray_poses
 from synchronizar.quaternions import angles_between, normalized_quaternions, rotate_by_quaternions, yaw_quaternion
 from synchronizar.simulation.simulate import Scene, simulate
 
 MODEL = Parameters()
+FEW = 25
+"""Poses in which a walk has told too little of its noise to tell a jump from it; the batch knows what comes later."""
 CASES = SHARED / "cases"
 ALL = -np.inf
 
@@ -54,7 +56,13 @@ def poses_of(stream: PoseStream) -> list[int]:
 
 
 def assert_as_the_batch(stream: PoseStream, track: Track, metres: float = 0.01, radians: float = 0.01) -> None:
-    expected, got = repair_relocalizations(track, MODEL), stream.tail(ALL)
+    assert_as(repair_relocalizations(track, MODEL), stream, track, metres, radians)
+
+
+def assert_as(
+    expected: RepairedTrack, stream: PoseStream, track: Track, metres: float = 0.01, radians: float = 0.01
+) -> None:
+    got = stream.tail(ALL)
     assert poses_of(stream) == [jump.pose for jump in expected.jumps]
     for jump, other in zip(stream.jumps, expected.jumps, strict=True):
         assert jump.t == other.t
@@ -201,14 +209,16 @@ def test_a_vertical_that_holds_longer_than_the_first_becomes_the_level_one() -> 
     turn=st.floats(0.0, 0.6),
     kind=st.sampled_from(["free", "still"]),
 )
-def test_random_jumps_are_found_as_the_batch_finds_them(
+def test_random_jumps_after_the_first_poses_are_found_as_the_batch_finds_them(
     seed: int, hz: float, metres: float, turn: float, kind: str
 ) -> None:
     scene = Scene(
         seed=seed, seconds=20.0, walk=(kind,), rate_hz=1.0, track_rate_hz=hz, jumps=2, jump_m=metres, jump_rad=turn
     )
     for slam in simulate(scene).recording.tracks.values():
-        assert_as_the_batch(settled(slam), slam)
+        expected = repair_relocalizations(slam, MODEL)
+        if all(jump.pose > FEW for jump in expected.jumps):
+            assert_as(expected, settled(slam), slam)
 
 
 @with_recordings

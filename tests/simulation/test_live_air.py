@@ -23,7 +23,7 @@ from synchronizar.simulation.live_air import Carried, LiveAir
 
 SESSION = 5
 KEYS = RoomKeys(SESSION, bytes(range(32)))
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 
 
 class Collector:
@@ -86,7 +86,8 @@ def test_modules_come_range_and_go(collector: Collector) -> None:
         for address in (1, 2, 3):
             live.add(address, Carried(KEYS.of(address), ppm=5.0 * address))
         walk(live, 0.0, 3.0, {1: (0.0, 0.0, 1.0), 2: (3.0, 4.0, 1.0)})
-        wait_for(lambda: len(collector.distances(1, 2)) > 300)
+        # All of it: what nobody takes for longer, a system with small buffers drops.
+        wait_for(lambda: len(collector.distances(1, 2)) > 300 and live.t > 2.9)
         np.testing.assert_allclose(collector.distances(1, 2), 5.0, atol=0.03)
         assert collector.distances(1, 3) == [], "it has no place yet"
         walk(live, 3.0, 6.0, {1: (0.0, 0.0, 1.0), 2: (3.0, 4.0, 1.0), 3: (0.0, 0.0, 3.0)})

@@ -34,6 +34,7 @@ def snapshot_of(
     tracking, gauge = following.tracking, following.gauge
     begin = _begin(roster, tracking, sought)
     tracks, segments, poses, first = {}, {}, {}, np.full(len(roster.users), -np.inf)
+    clocks = np.array([tracking.run_off(clock) for clock in tracking.read_clock.tolist()])
     # A recording is sorted by name, and users are in the order in which they came.
     users = tuple(replace(roster.as_known(u), name=f"{u:08d}") for u in range(len(roster.users)))
     slots = list(range(tracking.slot_of(begin), tracking.slot_of(roster.now) + 1))
@@ -44,13 +45,13 @@ def snapshot_of(
         since = roster.standings[u].since
         # Of who is looked for anew only what came since then: before, its SLAM's frame was another one.
         own_begin = begin if checking or u not in sought or since is None else max(begin, since)
-        clock = float(tracking.assumed_clock[u])
+        clock = float(tracking.read_clock[u])
         tail = stream.tail(own_begin + clock)
         if not len(tail.t):
             tracks[user.name], segments[user.name] = _NOWHERE, np.zeros(1, dtype=np.int32)
             first[u] = np.inf
             continue
-        tracks[user.name], segments[user.name] = _track_from(stream, own_begin + clock, tail)
+        tracks[user.name], segments[user.name] = _track_from(stream, own_begin + clock, tail, float(clocks[u]))
         if own_begin > begin or (u != gauge and u not in tracking.members):
             first[u] = float(tail.t[0]) - clock
         begins = np.array([tracking.begin_of(n) for n in slots]) + clock
@@ -61,6 +62,7 @@ def snapshot_of(
     rows = rows[rows[:, 0] > np.maximum(begin, np.maximum(first[a], first[b]))]
     return Snapshot(
         roster.now,
+        clocks,
         Recording(users, tracks, log.ranges(rows)),
         rows[:, -1].astype(np.int32),
         segments,
@@ -105,11 +107,14 @@ def _slot_poses(stream: PoseStream, tail: Tail, slots: list[int], begins: Array,
     return SlotPoses(covered, np.append(stamps, tail.t[-1]), np.concatenate([places, tail.position[-1:]]))
 
 
-def _track_from(stream: PoseStream, stamp: float, tail: Tail) -> tuple[Track, Indices]:
-    """A track from a stamp on, and the segments of its poses; it begins there where the pose is known."""
+def _track_from(stream: PoseStream, stamp: float, tail: Tail, clock: float) -> tuple[Track, Indices]:
+    """A track from a stamp on, and the segments of its poses; it begins there where the pose is known.
+
+    Its stamps are by a clock that is `clock` (s) behind its own.
+    """
     t, position, quat, segment = tail.t, tail.position, tail.quat_xyzw, tail.segment
     first = stream.at(np.array([stamp]))
     if first.valid[0] and t[0] > stamp:
         t, segment = np.append(stamp, t), np.append(segment[0], segment)
         position, quat = np.concatenate([first.position, position]), np.concatenate([first.quat_xyzw, quat])
-    return Track(t, position, normalized_quaternions(quat)), segment
+    return Track(t - clock, position, normalized_quaternions(quat)), segment

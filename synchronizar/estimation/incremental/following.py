@@ -171,7 +171,7 @@ class Following:
                 roster.look_anew(user, State.UNOBSERVABLE, "it is looked for anew")
         self.tracking = Tracking(roster.users, roster.streams, roster.parameters)
         self.tracking.origin, self.tracking.noise = before.origin, before.noise
-        self.tracking.assumed_clock = before.assumed_clock
+        self.tracking.assumed_clock, self.tracking.read_clock = before.assumed_clock, before.read_clock
         self.contradictions.suspected = frozenset()
         self.members = None
 

@@ -50,7 +50,7 @@ class Judging:
 
     def _confirm(self) -> None:
         """After a pause SLAM may go on in another frame: nobody relies on it until ranges have told."""
-        roster, clock = self._roster, self._following.tracking.assumed_clock
+        roster, clock = self._roster, self._following.tracking.read_clock
         for user, (stream, standing) in enumerate(zip(roster.streams, roster.standings, strict=True)):
             if stream is not None and stream.resumed_at != standing.resumed_at:  # a new session may have another clock
                 standing.resumed_at = stream.resumed_at
@@ -85,7 +85,7 @@ class Judging:
 
     def _forget(self, most: int) -> None:
         """What nothing needs any more; so many slots at most, for a window that becomes short does so by and by."""
-        clock = self._following.tracking.assumed_clock
+        clock = self._following.tracking.read_clock
         begin = self._following.forget(self._schedule.window_begin(), most)
         for u, stream in enumerate(self._roster.streams):
             if stream is not None:

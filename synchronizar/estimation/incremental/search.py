@@ -18,7 +18,7 @@ from synchronizar.estimation.incremental.snapshot import (
 from synchronizar.geometry import apply_frames, difference, relative_to, wrap_angle
 from synchronizar.graph.pose_graph import LocalOptimum
 from synchronizar.graph.problem import Problem
-from synchronizar.graph.states import SCALE, corrected
+from synchronizar.graph.states import CLOCK, SCALE, corrected
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.quaternions import IDENTITY
@@ -49,7 +49,7 @@ def search(snapshot: Snapshot) -> Found | None:
         snapshot.poses,
         users,
         [(hypothesis.cost, hypothesis.frames) for hypothesis in assessed.hypotheses],
-        tuple(_candidate(optimum) for optimum in minima[:_MOST_CANDIDATES]),
+        tuple(_candidate(optimum, snapshot.clocks) for optimum in minima[:_MOST_CANDIDATES]),
         noise,
         FoundRanges(
             snapshot.serial[measurements.row],
@@ -89,10 +89,14 @@ def _agrees(optimum: LocalOptimum, snapshot: Snapshot) -> bool:
 
 def _starts(snapshot: Snapshot, active_users: list[int]) -> list[tuple[Array, Array]]:
     """The candidates of the search before that have all active users: frames (k, 4), calibrations (k, 3)."""
-    return [(c.frames, c.calibration) for c in snapshot.candidates if not np.isnan(c.frames[active_users]).any()]
+    ahead = np.zeros((len(snapshot.clocks), 3))
+    ahead[:, CLOCK] = snapshot.clocks
+    return [
+        (c.frames, c.calibration - ahead) for c in snapshot.candidates if not np.isnan(c.frames[active_users]).any()
+    ]
 
 
-def _candidate(optimum: LocalOptimum) -> Candidate:
+def _candidate(optimum: LocalOptimum, clocks: Array) -> Candidate:
     """Where an optimum has each user's own frame, by its last keyframe."""
     graph, states = optimum.graph, optimum.states
     frames = graph.last_poses(states)
@@ -100,7 +104,9 @@ def _candidate(optimum: LocalOptimum) -> Candidate:
     last = np.array([of_user.place[-1] for of_user in graph.keyframes])
     turn = np.column_stack([np.zeros((len(frames), 3)), frames[:, 3]])
     frames[:, :3] -= apply_frames(turn, scale * last)
-    return Candidate(frames, states.calibration.copy())
+    calibration = states.calibration.copy()
+    calibration[:, CLOCK] += clocks
+    return Candidate(frames, calibration)
 
 
 def _found(snapshot: Snapshot, assessed: Assessment, user: int) -> FoundUser:
@@ -108,8 +114,10 @@ def _found(snapshot: Snapshot, assessed: Assessment, user: int) -> FoundUser:
     verdict, sigma = assessed.verdicts[user], assessed.calibration_sigma
     assert verdict is not None
     assert sigma is not None
-    poses = snapshot.poses[user]
-    place, turned = corrected(states.keyframe_poses[user], graph.keyframes[user], poses.stamps, poses.places)
+    poses, ahead = snapshot.poses[user], float(snapshot.clocks[user])
+    calibration = states.calibration[user].copy()
+    calibration[CLOCK] += ahead
+    place, turned = corrected(states.keyframe_poses[user], graph.keyframes[user], poses.stamps - ahead, poses.places)
     frame = np.broadcast_to(states.anchor_poses[user], (len(place), 4))
     scale = float(np.exp(states.calibration[user, SCALE]))
     at = np.column_stack([apply_frames(frame, scale * place), wrap_angle(turned + states.anchor_poses[user, 3])])
@@ -123,7 +131,7 @@ def _found(snapshot: Snapshot, assessed: Assessment, user: int) -> FoundUser:
         verdict,
         last,
         assessed.covariances[user],
-        states.calibration[user].copy(),
+        calibration,
         sigma[user],
         at[:-1],
         float(np.nan_to_num(assessed.progress[user])),

@@ -37,6 +37,8 @@ class Snapshot:
 
     t: float
     """s, range clock."""
+    clocks: Array
+    """(k,) s: by how much the stamps of tracks are put back; a search looks for what their clocks are off beside."""
     recording: Recording
     """Repaired tracks and ranges; a user without a pose there has one long ago."""
     serial: Indices

@@ -52,8 +52,9 @@ def user_now(engine: Engine, u: int) -> UserRegistration:
     state, reason = engine.state(u), engine.reason(u)
     placed = standing.placed
     if placed is None and u == engine.reference and state is State.REGISTERED:
-        # Nobody is followed beside it yet: its own frame is the common one.
-        frame_now, sure = _frame(user, np.zeros(4), 1.0), np.zeros((4, 4))
+        # Nobody is followed beside it yet: its own frame, as it was before its SLAM jumped, is the common one.
+        own = engine.roster.frame_at(u, np.zeros(4), 0.0, np.zeros(3))
+        frame_now, sure = _frame(user, own, 1.0), np.zeros((4, 4))
         return UserRegistration(user.name, state, reason, frame_now, sure, progress=1.0, jumps=engine.jumps(u))
     if placed is None or state is State.DISCONNECTED:
         unplaced = State.DISCONNECTED if state is State.DISCONNECTED else state

@@ -63,6 +63,8 @@ _MOST_OPENED = 30  # slots at once: who was away for longer than that is not fol
 _EXACT = 1e-3  # m and rad: 1 sigma of where the one is held who begins the common frame
 _BELIEVED = 0.1  # of the weight of a surveyed place: one that weighs less is where its ranges have it
 _NO_LEVEL = 1e3  # m: a survey's places tell nothing of the others' mean height
+_FAR_OFF = 3.0  # sigmas of clocks when people come: what is more has been seen to run off
+_CLOCK_STEP = 0.02  # s, at most: how far the clock that a track is read by follows its estimate in a slot
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
 _SOMEWHERE = 10.0  # m, 1 sigma of the prior of who joins; a search has it to within a metre
 _FEWEST_RANGES = 20  # of a user, for a share of them
@@ -121,7 +123,17 @@ class Tracking:
     """The users who are followed, their slots and ranges, and the graph over these."""
 
     KEPT: ClassVar[tuple[str, ...]] = (
-        *("assumed_clock", "noise", "height_spread", "height_weight", "members", "origin", "_waiting", "_judged_at"),
+        *(
+            "assumed_clock",
+            "read_clock",
+            "noise",
+            "height_spread",
+            "height_weight",
+            "members",
+            "origin",
+            "_waiting",
+            "_judged_at",
+        ),
         *("_linearised_at", "_unsettled", "_untaken", "_steps", "_priors", "_held", "_given"),
     )
 
@@ -131,6 +143,10 @@ class Tracking:
         self.follower = Follower()
         self.ranges = SlotRanges()
         self.assumed_clock = np.zeros(len(users))
+        """(k,) s: the clock offsets that those of the graph's states count from."""
+        self.read_clock = np.zeros(len(users))
+        """(k,) s: the clock offsets that tracks are read by. A clock runs off for hours, and a range is read by a
+        straight line about this one: it follows the estimate."""
         self.noise = np.ones((len(users), 2))
         self.height_weight = np.ones(len(users))
         """(k,): of the prior of each user's height, by the search that it joined with."""
@@ -162,6 +178,12 @@ class Tracking:
         """s, range clock."""
         return self.origin + slot * self.parameters.slam.keyframe_interval
 
+    def run_off(self, clock: float) -> float:
+        """s: by how much more a clock is off than those of people who come: priors are about this."""
+        devices = self.parameters.devices
+        most = _FAR_OFF * float(np.hypot(devices.clock_sigma, devices.clock_common_sigma))
+        return clock - min(max(clock, -most), most)
+
     # Slots
 
     def _place(self, user: int, stamp: float) -> Array | None:
@@ -175,7 +197,7 @@ class Tracking:
     def _open(self, user: int, slot: int) -> bool:
         """A further slot of a member, placed where SLAM's step leads; False where its pose is not known yet."""
         before = self.members[user]
-        stamp = self.begin_of(slot) + float(self.assumed_clock[user])
+        stamp = self.begin_of(slot) + float(self.read_clock[user])
         place = self._place(user, stamp)
         if place is None:
             return False
@@ -245,7 +267,7 @@ class Tracking:
             if user in doubted:
                 continue
             stream = self.streams[user]
-            seen = latest if stream is None else self.slot_of(stream.newest - float(self.assumed_clock[user]))
+            seen = latest if stream is None else self.slot_of(stream.newest - float(self.read_clock[user]))
             for slot in range(max(tracked.slot + 1, latest - _MOST_OPENED), min(latest, seen) + 1):
                 self._open(user, slot)
         taken = self._take(now, doubted)
@@ -260,6 +282,7 @@ class Tracking:
         elif turns:
             self._judged_at = latest
             self._refresh()
+            self._read_by_estimates()
             self.judge(latest - _JUDGED, weigh=True)
         elif taken:
             self.judge(latest - _BURST_SLOTS, weigh=False)
@@ -278,6 +301,14 @@ class Tracking:
             else:
                 self.follower.update(slice(-_BURST_SLOTS - 1, None))
             self._read([(user, tracked.slot) for user, tracked in self.members.items()])
+
+    def _read_by_estimates(self) -> None:
+        """The clocks that tracks are read by, nearer to their estimates."""
+        for user, tracked in self.members.items():
+            if self.streams[user] is None:
+                continue
+            off = self.assumed_clock[user] + tracked.state[6] - self.read_clock[user]
+            self.read_clock[user] += min(max(off, -_CLOCK_STEP), _CLOCK_STEP)
 
     def _read(self, at: list[tuple[int, int]]) -> None:
         """The estimates of users at slots."""
@@ -300,13 +331,15 @@ class Tracking:
         antennas = np.stack([waiting.antenna_i, waiting.antenna_j], axis=1)
         longest = self.parameters.slam.longest_pose_gap
         ends, there = ends_of_ranges(
-            self.streams, self.assumed_clock, waiting.t, users, self._levers[users, antennas], there, _REACH, longest
+            self.streams, self.read_clock, waiting.t, users, self._levers[users, antennas], there, _REACH, longest
         )
         left = ~there & ~(waiting.t < now - _LATE)
         self._waiting = waiting.part(left) if left.any() else None
         if not there.any():
             return []
         ready, users, slot, ends = waiting.part(there), users[there], slot[there], ends[there]
+        ahead = (self.read_clock - self.assumed_clock)[users][:, :, None]
+        ends[:, :, 0] -= ahead * ends[:, :, 2]  # where the line about the read clock is at the assumed one
         ends[:, :, 0] -= self.slots.places(users, slot[:, None])
         links = (ready.antenna_i + 1) * _MOST_ANTENNAS + ready.antenna_j + 1
         sigma = np.hypot(ready.sigma, self.parameters.ranges.multipath_sigma)
@@ -409,7 +442,8 @@ class Tracking:
         self._levers = _levers(self.users)
         self._survey, self._biases = _survey(self.users), known_biases(self.users)
         self.slots.add_user()
-        self.assumed_clock, self.noise = np.append(self.assumed_clock, 0.0), np.vstack([self.noise, [1.0, 1.0]])
+        self.assumed_clock, self.read_clock = np.append(self.assumed_clock, 0.0), np.append(self.read_clock, 0.0)
+        self.noise = np.vstack([self.noise, [1.0, 1.0]])
         self.height_spread = np.append(self.height_spread, 0.0)
         self.height_weight = np.append(self.height_weight, 1.0)
 
@@ -432,7 +466,8 @@ class Tracking:
     def join(self, new: Mapping[int, JoiningUser], reference: int | None) -> None:
         """Follow users from now on, as a search found them; `reference` begins the common frame."""
         for user, found in new.items():
-            self.assumed_clock[user], self.height_weight[user] = found.clock, found.height_weight
+            self.assumed_clock[user] = self.read_clock[user] = found.clock
+            self.height_weight[user] = found.height_weight
         for user, found in new.items():
             self._insert_all(user, found)
         first = {u: min(slot for slot, users in self.follower.slots.items() if u in users) for u in self.members}
@@ -489,7 +524,8 @@ class Tracking:
             sigma = _NO_LEVEL
         own = own.copy()
         own[BIAS] = 1.0 / np.hypot(1.0 / own[BIAS], 1.0 / known_bias_sigmas([self.users[user]], self.parameters)[0])
-        return Joining(user, slot, height, float(self.assumed_clock[user]), sigma, own)
+        clock = float(self.assumed_clock[user])
+        return Joining(user, slot, height, clock - self.run_off(clock), sigma, own)
 
     def _insert_all(self, user: int, found: JoiningUser) -> None:
         """The slots of a user who joins, from its first in the window on."""

@@ -5,6 +5,9 @@ const WINDOW_S = 16;
 
 /** s for which a recording goes on though nothing more has been heard. */
 const AHEAD_S = 0.2;
+/** s over which its pace is measured, and no shorter ones. */
+const PACE_S = 2;
+const LEAST_PACE_S = 0.2;
 /** s: what jumps so far is another recording's time, or the first of one. */
 const ANOTHER_S = 60;
 
@@ -40,25 +43,29 @@ class Lowest {
 
 /** A recording's time, which goes as fast as whoever plays it lets it: by the moments of what was told. */
 export class PlayedClock {
-  #t = null;
-  #at = 0;
-  #rate = 1;
+  #heard = [];
+  #pace = 1;
   #last = null;
 
   /** Something of the moment `t` of the recording came at `now`, by the device's clock. */
   heard(t, now) {
-    if (t === this.#t) return;
+    const before = this.#heard.at(-1);
+    if (t === before?.t) return;
     // It begins: until then the room had another time.
-    if (this.#t !== null && Math.abs(t - this.#t) > ANOTHER_S) [this.#t, this.#rate, this.#last] = [null, 1, null];
-    if (this.#t !== null && now > this.#at) this.#rate += 0.2 * ((t - this.#t) / (now - this.#at) - this.#rate);
-    [this.#t, this.#at] = [t, now];
+    if (before && Math.abs(t - before.t) > ANOTHER_S) [this.#heard, this.#pace, this.#last] = [[], 1, null];
+    this.#heard.push({ t, now });
+    while (this.#heard.length > 2 && this.#heard[1].now < now - PACE_S) this.#heard.shift();
+    // What has waited on its way comes all at once, and says nothing of the pace by itself.
+    const first = this.#heard[0];
+    if (now - first.now > LEAST_PACE_S) this.#pace = Math.max(0, (t - first.t) / (now - first.now));
   }
 
   /** The moment that it is at `now`; null before anything was heard. It never goes back. */
   at(now) {
-    if (this.#t === null) return null;
-    const ahead = Math.min(now - this.#at, AHEAD_S) * Math.max(0, this.#rate);
-    return (this.#last = Math.max(this.#last ?? -Infinity, this.#t + ahead));
+    const newest = this.#heard.at(-1);
+    if (!newest) return null;
+    const ahead = Math.min(now - newest.now, AHEAD_S) * this.#pace;
+    return (this.#last = Math.max(this.#last ?? -Infinity, newest.t + ahead));
   }
 }
 

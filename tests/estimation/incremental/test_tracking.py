@@ -135,6 +135,48 @@ def test_those_who_are_followed_stay_near_the_truth() -> None:
     assert np.mean(tracking.inlier_probability(rows) > 0.5) > 0.95
 
 
+def joined_by_a_clock_that_is_off(late: float, read: float) -> Tracking:
+    """All where they are; b's clock is `late` (s) more than the one that its states count from."""
+    people = People()
+    people.walk(8.2)
+    slots = list(range(9))
+    found = people.joining(1, slots)
+    found.states[:, 6] += late
+    tracking = people.tracking
+    tracking.join({0: people.joining(0, slots), 1: found._replace(clock=CLOCK - late), 2: people.joining(2, slots)}, 0)
+    tracking.read_clock[1] = read
+    tracking.add(people.ranges([0.1 * n for n in range(1, 82)]))
+    tracking.advance(8.15, set(), settle=True)
+    return tracking
+
+
+def test_ranges_are_read_along_a_line_about_the_read_clock() -> None:
+    exact, about_another = (joined_by_a_clock_that_is_off(0.3, read) for read in (CLOCK, CLOCK - 0.3))
+    left = [float(np.abs(tracking.residuals(tracking.ranges.rows)).max()) for tracking in (exact, about_another)]
+    # The prior draws the clock towards 0 by part of its 0.05 s. Over 0.3 s these curves leave their tangents by 0.1 m.
+    assert left[0] < 0.03
+    assert left[1] > 0.1
+
+
+def test_the_read_clock_follows_its_estimate() -> None:
+    people = People()
+    tracking = people.begin()
+    tracking.read_clock[1] = CLOCK - 0.3
+    people.follow(20.0)
+    estimate = tracking.assumed_clock[1] + tracking.members[1].state[6]
+    assert tracking.read_clock[1] == pytest.approx(estimate, abs=0.005)
+    assert (tracking.read_clock[0], tracking.read_clock[2]) == pytest.approx(
+        (tracking.members[0].state[6], 0.0), abs=0.005
+    )
+
+
+def test_a_clock_is_looked_for_beside_what_it_has_run_off_by() -> None:
+    tracking, devices = People().tracking, PARAMETERS.devices
+    usual = 3.0 * np.hypot(devices.clock_sigma, devices.clock_common_sigma)
+    for clock, beyond in ((0.0, 0.0), (0.9 * usual, 0.0), (usual + 0.5, 0.5), (-usual - 2.0, -2.0)):
+        assert tracking.run_off(clock) == pytest.approx(beyond)
+
+
 def test_ranges_wait_for_poses_and_are_left_out_where_none_come_in_time() -> None:
     people = People()
     tracking = people.begin()

@@ -227,3 +227,13 @@ test("a recording's time goes as fast as it is played, from its first moment on,
   assert.ok(stands < 103);
   assert.equal(clock.at(90), stands);
 });
+
+test("words of a recording that were held up and come all at once do not carry its time away", () => {
+  const clock = new PlayedClock();
+  for (let n = 0; n <= 20; n++) clock.heard(0.1 * n, 10 + 0.1 * n);
+  for (let n = 21; n <= 50; n++) clock.heard(0.1 * n, 15 + 0.0001 * n);
+  const t = clock.at(15.1);
+  assert.ok(t >= 5 && t < 5.3, `${t}`);
+  clock.heard(5.1, 15.1);
+  assert.ok(clock.at(15.2) < 5.4);
+});

@@ -56,6 +56,11 @@ export class Objects {
     return [...this.#shown.keys()];
   }
 
+  /** Where they are drawn, in the common frame, by their ids; for tests. */
+  get places() {
+    return Object.fromEntries([...this.#shown].map(([id, { root }]) => [id, root.position.toArray()]));
+  }
+
   /** How many of one's own wait for their place. */
   get waiting() {
     return this.#waiting.size;
