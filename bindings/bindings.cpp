@@ -334,14 +334,16 @@ NB_MODULE(_core, m) {
             require(place_sigma.size() == k && height_sigma.size() == k && surveyed.size() == k &&
                         device_sigma.rows() == k && known_bias_sigma.size() == k && assumed_clock.size() == k,
                     "priors must have one row a user");
-            require((place_sigma.array() > 0.0).all() && yaw_sigma > 0.0 && (height_sigma.array() > 0.0).all() &&
-                        (device_sigma.array() > 0.0).all() && (known_bias_sigma.array() > 0.0).all() &&
-                        (shared_sigma.array() > 0.0).all() && (step_sigma.array() > 0.0).all(),
+            require((place_sigma.array() > 0.0).all() && yaw_sigma > 0.0 &&
+                        (height_sigma.array() > 0.0).all() && (device_sigma.array() > 0.0).all() &&
+                        (known_bias_sigma.array() > 0.0).all() && (shared_sigma.array() > 0.0).all() &&
+                        (step_sigma.array() > 0.0).all(),
                     "sigmas must be positive");
             require(about.allFinite() && assumed_clock.allFinite() && step_sigma.allFinite(),
                     "priors must be finite");
-            new (self) WalkNoise{nlos_odds, range_weight, step_sigma,   about,            place_sigma,  yaw_sigma,
-                                 height_sigma, surveyed,     device_sigma, known_bias_sigma, shared_sigma, assumed_clock};
+            new (self) WalkNoise{nlos_odds,    range_weight,     step_sigma,   about,
+                                 place_sigma,  yaw_sigma,        height_sigma, surveyed,
+                                 device_sigma, known_bias_sigma, shared_sigma, assumed_clock};
           },
           "nlos_odds"_a, "range_weight"_a, "step_sigma"_a, "about"_a, "place_sigma"_a, "yaw_sigma"_a,
           "height_sigma"_a, "surveyed"_a, "device_sigma"_a, "known_bias_sigma"_a, "shared_sigma"_a,
@@ -428,8 +430,8 @@ NB_MODULE(_core, m) {
       .def(
           "step_noise",
           [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
-             const WalkNoise& noise, const LossKind& loss, const Marks& kept,
-             const Marks& counted, double weight, int rounds) {
+             const WalkNoise& noise, const LossKind& loss, const Marks& kept, const Marks& counted,
+             double weight, int rounds) {
             check_states(self, places, calibration, noise);
             require(kept.size() == places.rows() && counted.size() == places.rows(),
                     "kept and counted must be (m,)");
@@ -473,8 +475,8 @@ NB_MODULE(_core, m) {
                             {height_sigma, place_sigma, yaw_sigma, survey, survey_sigma, survey_dof}, loss);
           },
           "active"_a, "reference"_a, "first"_a, "user_i"_a, "user_j"_a, "t"_a, "i"_a, "j"_a, "measured"_a,
-          "sigma"_a, "nlos_odds"_a, "height_sigma"_a, "place_sigma"_a, "yaw_sigma"_a, "survey"_a, "survey_sigma"_a, "survey_dof"_a,
-          "loss"_a)
+          "sigma"_a, "nlos_odds"_a, "height_sigma"_a, "place_sigma"_a, "yaw_sigma"_a, "survey"_a,
+          "survey_sigma"_a, "survey_dof"_a, "loss"_a)
       .def(
           "residuals",
           [](const RigidSolver& self, const Frames& frames) {

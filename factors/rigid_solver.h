@@ -30,8 +30,8 @@ struct RigidRanges {
 
 // As 1 sigma.
 struct RigidPriors {
-  Column height;      // (k) m, of each origin about the mean height, but for surveyed ones
-  double place, yaw;  // of the free users' frames about where the optimisation begins
+  Column height;        // (k) m, of each origin about the mean height, but for surveyed ones
+  double place, yaw;    // of the free users' frames about where the optimisation begins
   Points survey;        // (k) m, where each was surveyed to be; NaN of who was not
   Column survey_sigma;  // (k) m, on each axis: Student's t ...
   double survey_dof;    // ... of so many degrees of freedom

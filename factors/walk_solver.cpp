@@ -624,7 +624,8 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
   its.about.resize(part.users, 4);
   for (int u = 0; u < part.users; ++u) its.about.row(u) = here.places.row(part.first[u]);
   for (int u = 0; u < part.users; ++u) {
-    if (noise.surveyed[users[static_cast<size_t>(u)]]) its.about.row(u) = noise.about.row(users[static_cast<size_t>(u)]);
+    if (noise.surveyed[users[static_cast<size_t>(u)]])
+      its.about.row(u) = noise.about.row(users[static_cast<size_t>(u)]);
   }
   its.place_sigma = noise.place_sigma(users);
   its.height_sigma = noise.height_sigma(users);

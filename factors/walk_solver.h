@@ -40,16 +40,16 @@ using Marks = Eigen::Array<bool, Eigen::Dynamic, 1>;
 // Weights and priors, all as 1 sigma; the EM weights are in them.
 struct WalkNoise {
   Column nlos_odds, range_weight;  // (n)
-  ThreeColumns step_sigma;        // (m) of the step to each keyframe: in the plane (m), height (m), yaw (rad)
-  WalkPlaces about;               // (k) prior mean of each first keyframe's x, y and yaw
-  Column place_sigma;             // (k) of x and y, for all but the reference
-  double yaw_sigma;               // of the yaws
-  Column height_sigma;            // (k) m, of each origin about the mean height, or about `about`'s z where ...
-  Marks surveyed;                 // (k) ... its place was surveyed
-  ThreeColumns device_sigma;      // (k) of each calibration about the shared one
-  Column known_bias_sigma;        // (k) m, of each bias about 0, besides; infinite where nothing is known of it
-  Vector3 shared_sigma;           // of the shared one about 0
-  Column assumed_clock;           // (k) s, at which the antennas were read
+  ThreeColumns step_sigma;    // (m) of the step to each keyframe: in the plane (m), height (m), yaw (rad)
+  WalkPlaces about;           // (k) prior mean of each first keyframe's x, y and yaw
+  Column place_sigma;         // (k) of x and y, for all but the reference
+  double yaw_sigma;           // of the yaws
+  Column height_sigma;        // (k) m, of each origin about the mean height, or about `about`'s z where ...
+  Marks surveyed;             // (k) ... its place was surveyed
+  ThreeColumns device_sigma;  // (k) of each calibration about the shared one
+  Column known_bias_sigma;    // (k) m, of each bias about 0, besides; infinite where nothing is known of it
+  Vector3 shared_sigma;       // of the shared one about 0
+  Column assumed_clock;       // (k) s, at which the antennas were read
 };
 
 struct WalkStates {

