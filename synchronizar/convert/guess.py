@@ -9,7 +9,7 @@ from typing import Any
 
 from synchronizar.convert.fields import Field, Topic
 from synchronizar.convert.mapping import Mapped
-from synchronizar.convert.names import SLAM_WORDS, TRUTH_WORDS, has_word, pair_of_topic, users_of_topics
+from synchronizar.convert.names import OBSTACLE_WORDS, SLAM_WORDS, TRUTH_WORDS, has_word, pair_of_topic, users_of_topics
 from synchronizar.errors import InputError
 from synchronizar.io.text import quoted
 
@@ -195,8 +195,8 @@ def _kind(topic: Topic, mapped: Mapped) -> str:
         return "tf"
     if not topic.fields:
         return f"a type whose definition is not known ({topic.type}): name its .msg files in a map"
-    if topic.type == "sensor_msgs/Range" or topic.type == "synchronizar.Range":
-        return "range"
+    if topic.type in ("sensor_msgs/Range", "synchronizar.Range"):
+        return "distances to the ground or an obstacle, by its name" if OBSTACLE_WORDS.search(topic.name) else "range"
     if _pose_path(topic) is not None and not topic.type.startswith(("visualization_msgs/", "geometry_msgs/Polygon")):
         return "truth" if has_word(topic.name, TRUTH_WORDS) else "pose"
     if _value_path(topic) is not None and not topic.type.startswith(_NO_RANGES):
@@ -278,7 +278,12 @@ def _range_role(topic: Topic, said: Mapping[str, str], first: First) -> RangeRol
     if len(named) < 2 and not (a and b):
         frame = _text(first(topic), "header", "frame_id").strip("/")
         inside = pair_of_topic(frame.replace("/", "_")) if frame else []
-        named = inside if len(inside) == 2 else list(dict.fromkeys([*named, *inside]))
+        if len(inside) == 2:
+            named = inside
+        elif named and inside and named[0].lower() not in frame.lower() and not b:
+            b = "header.frame_id"  # each message says with whom
+        elif inside and not named:
+            named = inside
     if not a and not b and len(named) == 2:
         a, b = (f"={name}" for name in named)
     elif b and not a:
@@ -351,7 +356,7 @@ def _unit(topic: Topic, value: str) -> str | None:
     suffix = re.search(r"_(mm|cm|m)$", _last(value).lower())
     if suffix:
         return suffix[1]
-    return "m" if topic.type == "sensor_msgs/Range" else None
+    return "m" if topic.type in ("sensor_msgs/Range", "synchronizar.Range") else None
 
 
 def kind_of(topic: Topic, path: str) -> str:

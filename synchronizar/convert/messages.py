@@ -18,7 +18,7 @@ from synchronizar.convert.fields import Items, Topic, stamp_of
 from synchronizar.convert.guess import PoseRole, RangeRole, Roles, field_list, kind_of, preferred, roles_of
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import Mapped, mapped
-from synchronizar.convert.names import matched
+from synchronizar.convert.names import matched, words_of
 from synchronizar.convert.track_file import add_track, add_truth
 from synchronizar.convert.transforms import Transforms
 from synchronizar.errors import InputError
@@ -29,6 +29,8 @@ LONGEST_RANGE = 300.0
 _CLOCKS_AGREE = 1.0
 """s: stamps that differ more from when they were logged than others' do are of another clock."""
 _STEP = 5000
+_RADIOS = 4
+"""That one device carries, at most: where only one is left that may carry them, they are its."""
 
 
 @contextmanager
@@ -104,7 +106,7 @@ def imported_of(messages: Messages, asked: Asked, place: str, progress: Progress
         if isinstance(taker, _Ranges):
             taker.add_to(imported, clock.stamps(taker), asked)
     _truth_alone(imported)
-    _name_radios(imported, said, asked)
+    _name_radios(imported, said, asked, [t for t in takers.values() if isinstance(t, _Ranges)])
     _tell(imported, roles)
     return imported
 
@@ -172,6 +174,7 @@ class _Ranges:
         self.b: list[str] = []
         self.optional: dict[str, list[Any]] = {name: [] for name in self._optional}
         self.empty = 0
+        self._indexed = "anchor" if "tag" in role.topic.type.lower() else ""
 
     def take(self, logged: float, message: Any) -> None:
         own = np.nan if self._stamp is None else stamp_of(self._stamp(message))
@@ -187,8 +190,8 @@ class _Ranges:
             self.logged.append(logged)
             self.own.append(own)
             self.distance.append(distance)
-            self.a.append(_item(a, k))
-            self.b.append(_item(b, k))
+            self.a.append(_item(a, k, ""))
+            self.b.append(_item(b, k, self._indexed))
             for name, of in optional.items():
                 self.optional[name].append(of[k] if isinstance(of, list) and k < len(of) else of)
 
@@ -264,9 +267,9 @@ def _name(value: Any) -> str:
     return str(value).strip().strip("/").replace("/", "_")
 
 
-def _item(of: Any, k: int) -> str:
+def _item(of: Any, k: int, indexed: str) -> str:
     if of == "#":
-        return str(k)
+        return f"{indexed}{k}"
     if isinstance(of, list):
         return str(of[k]) if k < len(of) else "?"
     return str(of)
@@ -334,18 +337,19 @@ def _truth_alone(imported: Imported) -> None:
         imported.tracks = dict(imported.truth)
 
 
-def _name_radios(imported: Imported, said: Mapped, asked: Asked) -> None:
+def _name_radios(imported: Imported, said: Mapped, asked: Asked, topics: list[_Ranges]) -> None:
     """Radios' names become those of the devices that carry them."""
     ranges = imported.ranges
     known = imported.tracks.keys()
     radios = sorted({*ranges.a, *ranges.b} - said.radios.keys() - {old for old, _ in asked.renamed})
     taken = {radio.user for radio in said.radios.values()} | {new for _, new in asked.renamed}
-    of = matched(radios, sorted(known - taken))
+    of = {radio: user for radio, user in _owned(topics, known - taken).items() if radio in radios}
+    of = of | matched([r for r in radios if r not in of], sorted(known - taken - set(of.values())))
     strangers = [radio for radio in radios if radio not in of]
     ends = Counter(ranges.a)
     free = sorted(known - set(of.values()) - taken)
-    if len(free) == 1 and len(ends) == 1 and strangers and next(iter(ends)) in strangers:
-        of[next(iter(ends))] = free[0]
+    if len(free) == 1 and len(ends) <= _RADIOS and set(ends) <= set(strangers) - set(ranges.b):
+        of |= dict.fromkeys(ends, free[0])
     if "?" in ends and "?" not in of:
         unclear = sum(name == "?" for name in ranges.a)
         imported.note(
@@ -354,10 +358,25 @@ def _name_radios(imported: Imported, said: Mapped, asked: Asked) -> None:
         imported.ranges = ranges = ranges.rows([k for k, name in enumerate(ranges.a) if name != "?"])
     renamed = {radio: user for radio, user in of.items() if radio != user}
     if renamed:
+        imported.note("radios' places on devices are not known: they are taken to be at the origins of the poses")
         pairs = [f"{radio} = {user}" for radio, user in sorted(renamed.items())]
-        imported.note(f"radios are taken to be those of the devices with the same number or name: {listed(pairs)}")
+        imported.note(f"radios are taken to be those of devices, by topics, names or numbers: {listed(pairs)}")
         ranges.a = [renamed.get(name, name) for name in ranges.a]
         ranges.b = [renamed.get(name, name) for name in ranges.b]
+
+
+def _owned(topics: list[_Ranges], users: set[str]) -> dict[str, str]:
+    """Whose radios are that measure in the topics of one device alone, and not of more than a few."""
+    measuring: dict[str, set[str]] = defaultdict(set)
+    for topic in topics:
+        if topic.role.a.startswith("="):
+            continue
+        whose = [user for user in users if user.lower() in map(str.lower, words_of(topic.role.topic.name))]
+        for radio in set(topic.a):
+            measuring[radio].add(whose[0] if len(whose) == 1 else "")
+    owners = {radio: next(iter(of)) for radio, of in measuring.items() if len(of) == 1 and "" not in of}
+    counts = Counter(owners.values())
+    return {radio: user for radio, user in owners.items() if counts[user] <= _RADIOS}
 
 
 def _tell(imported: Imported, roles: Roles) -> None:

@@ -25,6 +25,7 @@ _GENERIC = (
     TRUTH_WORDS
     | SLAM_WORDS
     | _words(
+        "relative absolute",
         "pose poses odom odometry state states local position local_position global_position mavros node nodes",
         "tracking estimate estimated estimator filtered filter fused ekf camera cam imu sensor sensors uwb tof twr",
         "ss_twr ds_twr range ranges ranging distance distances dist measurement measurements data raw info body base",
@@ -33,6 +34,11 @@ _GENERIC = (
         "uwb_ranging uwb_distance controller diff_drive_controller diffbot_base_controller navigation localization",
     )
 )
+OBSTACLE_WORDS = re.compile(
+    r"(?i)altitude|altimeter|sonar|ultraso|lidar|laser|rangefinder|distance_sensor|terrarange|garmin|cliff|infrared|"
+    r"(?:^|[/_])(?:down|ground|ir|hrlv|lrf|teraranger|sharp|bumper)(?:[/_]|$)"
+)
+"""In the names of topics of distances to the ground or to what stands in the way."""
 _BEACONS = re.compile(r"(uwb[_-]?)?(anchors?|an|beacons?|base|station|bs|landmarks?|lm|fixed|static)[_-]?\d*", re.I)
 _PAIR = re.compile(r"(.+?)(?:_to_|_and_|_vs_|-to-|->|<->|2(?=[A-Za-z])|-|_)(.+)")
 

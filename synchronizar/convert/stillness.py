@@ -12,7 +12,7 @@ from synchronizar.data.track import Track
 
 MISFIT = 0.35
 """m: residuals (robust sigma) within this are those of a radio that stands still, drift and NLOS included."""
-EXPLAINED = 0.5
+EXPLAINED = 0.75
 """Of the ranges' variance, by a radio that stands still and nothing else."""
 _FEWEST = 20
 _MOST = 400

@@ -200,3 +200,28 @@ def test_the_real_bag_has_as_many_ranges_as_the_recording_made_by_hand() -> None
     rows = read(bag, left_out=["n_8"]).ranges
     others = sum("n_8" not in pair for pair in zip(rows.a, rows.b, strict=True))
     assert others == len(made.read_text().splitlines()) - 1
+
+
+def test_radios_that_measure_in_one_devices_topic_are_its_own_whatever_their_numbers(tmp_path: Path) -> None:
+    """Numbers count from 0 here, names from 1."""
+    store = store_with(PAIR, 2)
+    of = store.types["uwb_msgs/msg/Pair"]
+    messages = two_walks(store)
+    for k in (1, 2):
+        pair = of(header=header(store, 1000.5), from_id=k - 1, to_id=2 - k, range=2500, std=0.1)
+        messages.append((f"/tb{k}/uwb", "uwb_msgs/msg/Pair", 1000.5, pair))
+    rows = read(write_bag(tmp_path / "a", "sqlite3", store, messages)).ranges
+    assert (rows.a, rows.b) == (["tb1", "tb2"], ["tb2", "tb1"])
+
+
+def test_a_frame_says_with_whom_where_the_topic_does_not(tmp_path: Path) -> None:
+    store = store_with({}, 2)
+    ranges = [("/tb1/uwb", RANGE, 1000.5, range_message(store, 1000.5, 2.5, frame)) for frame in ("tb2", "anchor_3")]
+    rows = read(write_bag(tmp_path / "a", "sqlite3", store, [*two_walks(store), *ranges])).ranges
+    assert (rows.a, rows.b) == (["tb1", "tb1"], ["tb2", "anchor_3"])
+
+
+def test_a_distance_to_the_ground_is_no_range_between_devices(tmp_path: Path) -> None:
+    store = store_with({}, 2)
+    down = [("/tb1/altimeter/down", RANGE, 1000.5, range_message(store, 1000.5, 1.5))]
+    assert len(read(write_bag(tmp_path / "a", "sqlite3", store, [*two_walks(store), *down])).ranges) == 0

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.bags import walk
 
 from synchronizar.cli import main
 from synchronizar.convert.asked import Asked
@@ -21,7 +22,6 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.errors import InputError
 from synchronizar.progress import unheard
-from synchronizar.simulation.simulate import Scene, simulate
 
 HALF = np.sqrt(0.5)
 EUROC = "#timestamp, p_RS_R_x [m], p_y, p_z, q_RS_w [], q_x, q_y, q_z\n1403636580838555648,1,2,3,0.6,0.8,0,0,9,9\n"
@@ -286,7 +286,8 @@ def test_broken_text_is_read_or_refused_by_an_input_error(tmp_path: Path, name: 
 def test_what_convert_writes_as_mcap_it_reads_again(tmp_path: Path) -> None:
     pytest.importorskip("mcap", reason="the extra `mcap` is not installed")
     folder, out = tmp_path / "walk", tmp_path / "again"
-    simulate(Scene(users=2, seconds=5.0, seed=3)).save(folder)
+    ways = {name: (way[:, 0], way[:, 1:4], way[:, 4:]) for name, way in (("a", walk()), ("b", walk(phase=1.0)))}
+    Recording.from_arrays(ways, [(1000.5, "a", "b", 1.25), (1000.75, "b", "a", 1.5)]).save(folder)
     assert main(["convert", str(folder), str(tmp_path / "walk.mcap")]) == 0
     assert main(["convert", str(tmp_path / "walk.mcap"), str(out)]) == 0
     written, read_again = Recording.load(folder), Recording.load(out)
