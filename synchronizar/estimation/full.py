@@ -29,6 +29,7 @@ from synchronizar.estimation.local_optima import (
 from synchronizar.estimation.segments import coarse_interval, search_and_grow
 from synchronizar.estimation.slips import slips
 from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.graph.calibration_priors import with_measured_priors
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import SCALE, common_track
@@ -38,6 +39,8 @@ from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, key
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.progress import Progress, stage, unheard
 from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternion
+
+_ROUNDS = 4  # of expectation maximisation once priors are measured
 
 
 class Solved(NamedTuple):
@@ -142,13 +145,16 @@ def _refined(
 ) -> tuple[list[LocalOptimum], Array]:
     """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
-    All of them with the step noise estimated for each device (`step_noise`). `heights` (k,) m were found before.
+    All of them with the step noise estimated for each device (`step_noise`), and with priors as wide as the ranges make
+    likely (`calibration_priors`). `heights` (k,) m were found before.
     """
     best = with_noise_alone(with_measured_weights(found[0]))
+    graph = with_measured_priors(best.graph, best.states, best.em_weights)
+    best = graph.run_em(best.states, best.em_weights, _ROUNDS)
     noise = step_noise(best.graph, best.states, best.em_weights)
     coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem), noise)
     fine = keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, noise)
-    found = [s._replace(graph=s.graph.with_keyframes(coarse)) for s in found]
+    found = [s._replace(graph=s.graph.with_priors_of(graph).with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
     others = other_heights(best, heights)
     if nlos_share(best) > problem.parameters.search.doubtful_share:
@@ -157,7 +163,7 @@ def _refined(
     if better.cost < best.cost - BETTER:
         found, others = [better, *found[1:]], [s for s in (best, *others) if s is not better]
         best = better
-    return compare(found, refine(best, PoseGraph(problem, fine)), others), noise
+    return compare(found, refine(best, PoseGraph(problem, fine).with_priors_of(graph)), others), noise
 
 
 def keyframes_of_all(

@@ -10,7 +10,7 @@ import numpy as np
 from synchronizar._core import RangeSlot
 from synchronizar.arrays import Array
 from synchronizar.graph import keys
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph, calibration_sigmas
+from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.range_factors import CalibratedUserKeys, RangeSlotFactor
 from synchronizar.graph.states import CLOCK, States
 
@@ -86,7 +86,7 @@ class GtsamForm:
 
     def _add_calibration_priors(self, out: gtsam.NonlinearFactorGraph, em_weights: EmWeights) -> None:
         noise = gtsam.noiseModel
-        own, common = calibration_sigmas(self.graph.parameters)
+        own, common = self.graph.calibration_sigmas
         weight = np.sqrt(em_weights.calibration_weight)
         for u in self.graph.calibrations:
             difference = np.array([0.0, 0.0, -self.graph.assumed_clock[u]])

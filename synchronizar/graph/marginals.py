@@ -65,7 +65,7 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
         states.calibration[walks.users],
         graph.walk_noise(states.anchor_poses, em_weights),
         graph.loss,
-        _mean_curvature(graph, height_curvature),
+        mean_curvature(graph, height_curvature),
         wanted,
     )
     size = np.sqrt(np.diag(covariance))
@@ -102,7 +102,7 @@ def _with_negative_curvature(heights: Array, negative_curvature: Array) -> Array
     return np.asarray(vectors / np.sqrt(np.maximum(eigenvalues, 0.1)))
 
 
-def _mean_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
+def mean_curvature(graph: PoseGraph, height_curvature: Array) -> Array:
     """(n,) 1/m^2: the mean height curvature of each pair's ranges where it is positive, 0 elsewhere."""
     bounds = pair_bounds(graph.measurements)
     return np.repeat(np.maximum(mean_by_pair(height_curvature, bounds), 0.0), np.diff(bounds))

@@ -16,8 +16,9 @@ from synchronizar.estimation.full import keyframes_of_all
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import keys
 from synchronizar.graph import step_noise as noise_module
+from synchronizar.graph.calibration_priors import likelihood_of_calibrations
 from synchronizar.graph.gtsam_form import GtsamForm
-from synchronizar.graph.marginals import marginals
+from synchronizar.graph.marginals import marginals, mean_curvature
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import BIAS, SCALE, States, antennas
@@ -216,6 +217,34 @@ def test_covariances_are_those_of_the_whole_graph_in_gtsam(kind: str, reference:
         scale = np.outer(deviation, deviation)
         np.testing.assert_allclose(sure.poses[u] / scale, expected[u, :6, :6] / scale, atol=2e-2)
         np.testing.assert_allclose(sure.calibrations[u], np.diag(expected[u])[6:], rtol=5e-3)
+
+
+@kinds
+def test_what_ranges_say_of_calibrations_is_what_a_dense_matrix_of_gtsams_says(kind: str, reference: int) -> None:
+    graph = graph_of(kind, reference)
+    states, em_weights = optimum_of(graph)
+    found = likelihood_of_calibrations(graph, states, em_weights)
+    form = GtsamForm(graph)
+    curvature = mean_curvature(graph, graph.height_curvature(states, em_weights))
+    factors = form.factors(states.anchor_poses, em_weights, height_curvature=curvature)
+    information, _ = factors.linearize(form.values(states)).hessian(form.ordering())
+    ordering = [form.ordering().at(n) for n in range(form.ordering().size())]
+    rows = dict(zip(ordering, keys.rows(ordering), strict=True))
+    wanted = np.concatenate([np.r_[rows[keys.calibration(u)]] for u in graph.active_users])
+    covariance = np.linalg.inv(information)[np.ix_(wanted, wanted)]
+    # With the priors that the graph has, what is found is as sure, and most likely where the graph has it.
+    own, common = graph.calibration_sigmas
+    k, weight = len(graph.active_users), em_weights.calibration_weight
+    prior = np.zeros((k, 3, k, 3))
+    for q in range(3):
+        prior[:, q, :, q] = np.diag(own[q] ** 2 / weight[graph.active_users, q]) + common[q] ** 2 / weight[-1, q]
+    precision = found.information + np.linalg.inv(prior.reshape(3 * k, 3 * k))
+    size = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(
+        np.linalg.inv(precision) / np.outer(size, size), covariance / np.outer(size, size), atol=2e-2
+    )
+    mean = np.linalg.solve(precision, found.vector)
+    assert (np.abs(mean - states.calibration[graph.active_users].ravel()) < 0.02 * size).all()
 
 
 @kinds

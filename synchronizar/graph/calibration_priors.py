@@ -1,0 +1,128 @@
+"""How wide the priors of devices' calibrations are, by what the ranges of a recording say of it.
+
+Most devices are right and some are far off, and a prior wide enough for these costs accuracy where nothing is wrong. So
+the priors' width is unknown: a factor on the sigmas of all log scales, one on those of biases, one on those of clock
+offsets. Each factor is 0 with probability `devices.faultless_share`, or else half Cauchy about 1 (a spike and a slab).
+The slab ends where, with even odds, the mean square of a factor is 1: whose ranges tell nothing has the usual priors.
+
+Near an optimum the likelihood of all calibrations is Gaussian, so the evidence (marginal likelihood) of each
+combination of factors is known in closed form, and so is how many calibrations the ranges determine (MacKay, Neural
+Computation 4, 1992), averaged over all combinations. The graph is then solved with the priors under which they
+determine as many: no combination is chosen, so nothing flips.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from synchronizar.arrays import Array
+from synchronizar.graph.marginals import mean_curvature
+from synchronizar.graph.pose_graph import EmWeights, PoseGraph, calibration_sigmas
+from synchronizar.graph.states import States
+
+_SLAB = 2.0 ** np.arange(-3.5, 2.0)
+_FACTORS = np.concatenate([[0.0], _SLAB])
+_TRIED = np.geomspace(0.01, _SLAB[-1], 32)
+_SWEEPS = 3
+_WIDE = 30.0  # sigmas of the prior that stands in for none
+_NOTHING = 1e-6  # calibrations that are determined
+
+
+class Likelihood(NamedTuple):
+    """The Gaussian likelihood of k calibrations c (3 k,), all else marginalised: exp(h' c - c' A c / 2)."""
+
+    information: Array
+    """(3 k, 3 k) A."""
+    vector: Array
+    """(3 k,) h."""
+
+    def times(self, root: Array) -> Likelihood:
+        """That of v with c = `root` v."""
+        return Likelihood(root.T @ self.information @ root, root.T @ self.vector)
+
+
+def with_measured_priors(graph: PoseGraph, states: States, em_weights: EmWeights) -> PoseGraph:
+    """The graph with priors of calibrations as wide as the ranges make likely, at an optimum of the graph."""
+    own, common = calibration_sigmas(graph.parameters)
+    likelihood = likelihood_of_calibrations(graph, states, em_weights)
+    factors = prior_factors(likelihood, own, common, graph.parameters.devices.faultless_share)
+    return graph.with_calibration_sigmas(factors * own, factors * common)
+
+
+def likelihood_of_calibrations(graph: PoseGraph, states: States, em_weights: EmWeights) -> Likelihood:
+    """What ranges and steps say of the active users' calibrations, in the graph linearised at an optimum."""
+    walks, k = graph.walks, len(graph.walks.users)
+    calibration, weight = states.calibration[walks.users], em_weights.calibration_weight
+    usual, _ = calibration_sigmas(graph.parameters)
+    wide = _WIDE * usual
+    free = graph.with_calibration_sigmas(wide, 1e-6 * usual)  # nothing shared
+    covariance = walks.solver.covariance(
+        walks.places(states),
+        calibration,
+        free.walk_noise(states.anchor_poses, replace(em_weights, calibration_weight=np.ones_like(weight))),
+        graph.loss,
+        mean_curvature(graph, graph.height_curvature(states, em_weights)),
+        np.zeros(0, dtype=np.int32),
+    )
+    size = np.tile(wide, k)
+    information = (np.linalg.inv(covariance / np.outer(size, size)) - np.eye(3 * k)) / np.outer(size, size)
+    # At an optimum the ranges pull at a calibration as its prior does.
+    own, _ = graph.calibration_sigmas
+    pull = weight[walks.users] * (calibration - graph.shared_calibration(states, weight)) / own**2
+    return Likelihood(information, information @ calibration.ravel() + pull.ravel())
+
+
+def prior_factors(likelihood: Likelihood, own: Array, common: Array, faultless: float) -> Array:
+    """(3,) factors on the sigmas of log scale, bias and clock offset: of each device, and of what all share.
+
+    `own` and `common` (3,) are these sigmas; `faultless` the probability of factor 0.
+    """
+    k = len(likelihood.vector) // 3
+    at = likelihood.times(_root(own, common, k))
+    prior = np.concatenate([[faultless], (1.0 - faultless) * _half_cauchy(_SLAB)])
+    grid = np.stack(np.meshgrid(_FACTORS, _FACTORS, _FACTORS, indexing="ij"), axis=-1).reshape(-1, 3)
+    weight = np.stack(np.meshgrid(prior, prior, prior, indexing="ij"), axis=-1).reshape(-1, 3).prod(axis=1)
+    evidence, determined = posteriors(at, grid)
+    weight = weight * np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+    wanted = weight @ determined
+    found = np.ones(3)
+    for _ in range(_SWEEPS):
+        for q in range(3):
+            tried = np.tile(found, (len(_TRIED), 1))
+            tried[:, q] = _TRIED
+            _, of_tried = posteriors(at, tried)
+            if of_tried[-1, q] > _NOTHING:
+                found[q] = np.exp(np.interp(wanted[q], of_tried[:, q], np.log(_TRIED)))
+    return found
+
+
+def posteriors(likelihood: Likelihood, factors: Array) -> tuple[Array, Array]:
+    """With normal priors of 1 sigma `factors` (m, 3): log evidence (m,), and how many calibrations ranges determine.
+
+    (m, 3) of each kind: the sum of 1 minus the posterior over the prior variance.
+    """
+    k = len(likelihood.vector) // 3
+    sigma = np.tile(factors, k)
+    precision = np.eye(3 * k) + sigma[:, :, None] * likelihood.information * sigma[:, None, :]
+    inverse = np.linalg.inv(precision)
+    pulled = sigma * likelihood.vector
+    mean = np.einsum("mij,mj->mi", inverse, pulled)
+    evidence = 0.5 * ((mean * pulled).sum(axis=1) - np.linalg.slogdet(precision)[1])
+    determined = 1.0 - np.diagonal(inverse, axis1=1, axis2=2)
+    return evidence, determined.reshape(-1, k, 3).sum(axis=1)
+
+
+def _root(own: Array, common: Array, k: int) -> Array:
+    """(3 k, 3 k) the symmetric root of the prior covariance of k calibrations: own^2 I + common^2 1 1' of each kind."""
+    share = (np.sqrt(1.0 + k * (common / own) ** 2) - 1.0) / k
+    return np.kron(np.eye(k), np.diag(own)) + np.kron(np.ones((k, k)), np.diag(own * share))
+
+
+def _half_cauchy(factors: Array) -> Array:
+    """Probabilities of factors that are evenly spaced in their logarithm."""
+    density = factors / (1.0 + factors**2)
+    return np.asarray(density / density.sum())

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from synchronizar.arrays import Array
+from synchronizar.graph import calibration_priors as priors
+from synchronizar.graph.calibration_priors import Likelihood, posteriors, prior_factors
+from synchronizar.graph.states import BIAS, CLOCK, SCALE
+from synchronizar.parameters import Parameters
+
+OWN, COMMON = np.array([0.03, 0.05, 0.04]), np.array([0.07, 0.03, 0.04])
+SHARE = Parameters().devices.faultless_share
+
+
+def told(values: Array, sigma: float | Array) -> Likelihood:
+    """Ranges that tell each calibration (k, 3) apart, to `sigma` of its own prior's 1 sigma."""
+    information = np.tile((sigma * OWN) ** -2, len(values))
+    return Likelihood(np.diag(information), information * values.ravel())
+
+
+def factors(likelihood: Likelihood, share: float = SHARE) -> Array:
+    return prior_factors(likelihood, OWN, COMMON, share)
+
+
+def test_evidence_is_the_integral_over_all_calibrations() -> None:
+    root = 0.4 * np.random.default_rng(3).normal(size=(5, 3))
+    likelihood = Likelihood(root.T @ root, np.array([1.0, -0.5, 2.0]))
+    sigmas = np.array([[1.0, 0.5, 2.0], [0.3, 1.0, 1.0]])
+    x, weight = np.polynomial.hermite_e.hermegauss(60)
+    weight = weight / weight.sum()
+    for n, sigma in enumerate(sigmas):
+        c = np.array(list(product(x, repeat=3))) * sigma
+        w = np.array(list(product(weight, repeat=3))).prod(axis=1)
+        density = np.exp(c @ likelihood.vector - 0.5 * np.einsum("ni,ij,nj->n", c, likelihood.information, c))
+        assert posteriors(likelihood, sigmas)[0][n] == pytest.approx(np.log(w @ density), abs=1e-6)
+
+
+def test_without_a_prior_width_there_is_nothing_to_determine() -> None:
+    evidence, determined = posteriors(told(np.ones((2, 3)), 1.0), np.zeros((1, 3)))
+    assert evidence[0] == pytest.approx(0.0)
+    assert not determined.any()
+
+
+def test_one_width_determines_as_much_as_all_widths_do_on_average() -> None:
+    """One device, of which ranges tell the bias alone: the average by hand."""
+    for value in (0.0, 0.1, 0.3):
+        sigma = np.array([1e9, 0.7, 1e9])
+        found = factors(told(np.array([[0.0, value, 0.0]]), sigma))
+        prior, noise = np.hypot(OWN[BIAS], COMMON[BIAS]), 0.7 * OWN[BIAS]
+        average = total = 0.0
+        for factor in priors._FACTORS:
+            share = SHARE if factor == 0.0 else (1.0 - SHARE) * factor / (1.0 + factor**2) / slab_sum()
+            variance = (factor * prior) ** 2 + noise**2
+            likelihood = share * np.exp(-0.5 * value**2 / variance) / np.sqrt(variance)
+            total += likelihood
+            average += likelihood * (factor * prior) ** 2 / variance
+        width = (found[BIAS] * prior) ** 2
+        assert width / (width + noise**2) == pytest.approx(average / total, rel=0.02)
+        assert found[SCALE] == found[CLOCK] == 1.0
+
+
+def slab_sum() -> float:
+    return float((priors._SLAB / (1.0 + priors._SLAB**2)).sum())
+
+
+def test_who_tells_nothing_has_the_usual_priors() -> None:
+    square = (1.0 - SHARE) * (priors._SLAB**3 / (1.0 + priors._SLAB**2)).sum() / slab_sum()
+    assert square == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_array_equal(factors(told(np.zeros((3, 3)), 1e9)), 1.0)
+    np.testing.assert_allclose(factors(told(np.zeros((3, 3)), 100.0)), 1.0, atol=0.05)
+
+
+def test_right_devices_are_taken_for_right_and_others_for_as_wrong_as_they_are() -> None:
+    right = factors(told(np.zeros((4, 3)), 0.2))
+    assert (right < 0.1).all()
+    random = np.random.default_rng(0)
+    usual = factors(told(OWN * random.standard_normal((12, 3)), 0.2))
+    assert ((usual > 0.5) & (usual < 2.0)).all()
+    wide = factors(told(3.0 * OWN * random.standard_normal((12, 3)), 0.2))
+    assert (wide > 1.5).all()
+
+
+def test_one_kind_of_fault_is_not_the_others() -> None:
+    values = np.zeros((4, 3))
+    values[:, SCALE] = [0.1, -0.05, 0.12, 0.02]
+    found = factors(told(values, 0.2))
+    assert found[SCALE] > 0.8
+    assert (found[[BIAS, CLOCK]] < 0.1).all()
+
+
+def test_what_all_share_widens_the_prior_too() -> None:
+    values = np.zeros((4, 3))
+    values[:, BIAS] = 0.1
+    assert factors(told(values, 0.2))[BIAS] > 0.8
+
+
+def test_factors_grow_smoothly_with_what_is_found() -> None:
+    random = np.random.default_rng(1).standard_normal((3, 3))
+    found = np.array([factors(told(times * OWN * random, 0.3)) for times in np.linspace(0.0, 2.0, 41)])
+    steps = np.diff(np.log(found), axis=0)
+    assert (steps > -1e-3).all()
+    assert steps.max() < 0.35
+    assert (found[-1] > 5.0 * found[0]).all()
+
+
+def test_a_share_of_none_leaves_the_slab_alone() -> None:
+    likelihood = told(np.zeros((3, 3)), 0.3)
+    assert (factors(likelihood, 0.0) > factors(likelihood)).all()
