@@ -99,12 +99,16 @@ def assess_calibrated(
 
     assessed = assess(optima, relative, (), registered, duration)
     static = np.array([user.static for user in graph.users])
-    variances = np.where(static[:, None] & (np.arange(3) != BIAS), np.nan, own.calibrations)
+    not_there = static[:, None] & (np.arange(3) != BIAS)
+    usual = own.calibrations.copy()
+    if graph.calibration_priors.usual_variances is not None:
+        usual[graph.active_users] = graph.calibration_priors.usual_variances
+    usual[not_there] = np.nan
     heights = best.states.anchor_poses[:, 2] - best.states.anchor_poses[graph.reference, 2]
     found: list[Verdict | None] = []
     for u, verdict in enumerate(assessed.verdicts):
         if verdict is not None:
-            verdict = with_calibration(verdict, variances[u], parameters)
+            verdict = with_calibration(verdict, usual[u], parameters)
             sigma = float(np.sqrt(graph.prior_variances(u)[2]))
             verdict = with_height(verdict, float(heights[u]), sigma, parameters)
         found.append(verdict)
@@ -113,7 +117,10 @@ def assess_calibrated(
     covariances = own.poses.copy()
     covariances[:, :4, :4] += assessed.hypotheses[0].covariances - own.relative
     return assessed._replace(
-        verdicts=found, covariances=covariances, joint=own.joint, calibration_sigma=np.sqrt(variances)
+        verdicts=found,
+        covariances=covariances,
+        joint=own.joint,
+        calibration_sigma=np.sqrt(np.where(not_there, np.nan, own.calibrations)),
     )
 
 
@@ -140,7 +147,7 @@ def with_height(verdict: Verdict, above: float, sigma: float, parameters: Parame
 
 
 def with_calibration(verdict: Verdict, variances: Array, parameters: Parameters) -> Verdict:
-    """The verdict, with what of the calibration has a posterior variance above half the prior's."""
+    """The verdict, with what of the calibration has a posterior variance above half the prior's, under usual priors."""
     own, common = calibration_sigmas(parameters)
     prior = own**2 + common**2
     names = {SCALE: "scale", BIAS: "range_bias", CLOCK: "clock_offset"}

@@ -8,7 +8,8 @@ The slab ends where, with even odds, the mean square of a factor is 1: whose ran
 Near an optimum the likelihood of all calibrations is Gaussian, so the evidence (marginal likelihood) of each
 combination of factors is known in closed form, and so is how many calibrations the ranges determine (MacKay, Neural
 Computation 4, 1992), averaged over all combinations. The graph is then solved with the priors under which they
-determine as many: no combination is chosen, so nothing flips.
+determine as many: no combination is chosen, so nothing flips. What the posteriors of all combinations differ by is
+added to covariances (`marginals`).
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.graph.marginals import mean_curvature
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph, calibration_sigmas
+from synchronizar.graph.pose_graph import CalibrationPriors, EmWeights, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import States
 
 _SLAB = 2.0 ** np.arange(-3.5, 2.0)
 _FACTORS = np.concatenate([[0.0], _SLAB])
-_TRIED = np.geomspace(0.01, _SLAB[-1], 32)
+_TRIED = np.geomspace(0.01, _SLAB[-1], 16)
 _SWEEPS = 3
 _WIDE = 30.0  # sigmas of the prior that stands in for none
 _NOTHING = 1e-6  # calibrations that are determined
@@ -46,10 +47,9 @@ class Likelihood(NamedTuple):
 
 def with_measured_priors(graph: PoseGraph, states: States, em_weights: EmWeights) -> PoseGraph:
     """The graph with priors of calibrations as wide as the ranges make likely, at an optimum of the graph."""
-    own, common = calibration_sigmas(graph.parameters)
     likelihood = likelihood_of_calibrations(graph, states, em_weights)
-    factors = prior_factors(likelihood, own, common, graph.parameters.devices.faultless_share)
-    return graph.with_calibration_sigmas(factors * own, factors * common)
+    usual = CalibrationPriors(*calibration_sigmas(graph.parameters))
+    return graph.with_calibration_priors(measured_priors(likelihood, usual, graph.parameters.devices.faultless_share))
 
 
 def likelihood_of_calibrations(graph: PoseGraph, states: States, em_weights: EmWeights) -> Likelihood:
@@ -58,7 +58,7 @@ def likelihood_of_calibrations(graph: PoseGraph, states: States, em_weights: EmW
     calibration, weight = states.calibration[walks.users], em_weights.calibration_weight
     usual, _ = calibration_sigmas(graph.parameters)
     wide = _WIDE * usual
-    free = graph.with_calibration_sigmas(wide, 1e-6 * usual)  # nothing shared
+    free = graph.with_calibration_priors(CalibrationPriors(wide, 1e-6 * usual))  # nothing shared
     covariance = walks.solver.covariance(
         walks.places(states),
         calibration,
@@ -70,22 +70,20 @@ def likelihood_of_calibrations(graph: PoseGraph, states: States, em_weights: EmW
     size = np.tile(wide, k)
     information = (np.linalg.inv(covariance / np.outer(size, size)) - np.eye(3 * k)) / np.outer(size, size)
     # At an optimum the ranges pull at a calibration as its prior does.
-    own, _ = graph.calibration_sigmas
+    own = graph.calibration_priors.own
     pull = weight[walks.users] * (calibration - graph.shared_calibration(states, weight)) / own**2
     return Likelihood(information, information @ calibration.ravel() + pull.ravel())
 
 
-def prior_factors(likelihood: Likelihood, own: Array, common: Array, faultless: float) -> Array:
-    """(3,) factors on the sigmas of log scale, bias and clock offset: of each device, and of what all share.
-
-    `own` and `common` (3,) are these sigmas; `faultless` the probability of factor 0.
-    """
+def measured_priors(likelihood: Likelihood, usual: CalibrationPriors, faultless: float) -> CalibrationPriors:
+    """The priors of k calibrations that stand in for all widths times the `usual`; `faultless` is that of 0."""
     k = len(likelihood.vector) // 3
-    at = likelihood.times(_root(own, common, k))
+    root = _root(usual.own, usual.common, k)
+    at = likelihood.times(root)
     prior = np.concatenate([[faultless], (1.0 - faultless) * _half_cauchy(_SLAB)])
     grid = np.stack(np.meshgrid(_FACTORS, _FACTORS, _FACTORS, indexing="ij"), axis=-1).reshape(-1, 3)
     weight = np.stack(np.meshgrid(prior, prior, prior, indexing="ij"), axis=-1).reshape(-1, 3).prod(axis=1)
-    evidence, determined = posteriors(at, grid)
+    evidence, determined, mean, covariance = posteriors(at, grid)
     weight = weight * np.exp(evidence - evidence.max())
     weight /= weight.sum()
     wanted = weight @ determined
@@ -94,17 +92,34 @@ def prior_factors(likelihood: Likelihood, own: Array, common: Array, faultless: 
         for q in range(3):
             tried = np.tile(found, (len(_TRIED), 1))
             tried[:, q] = _TRIED
-            _, of_tried = posteriors(at, tried)
-            if of_tried[-1, q] > _NOTHING:
-                found[q] = np.exp(np.interp(wanted[q], of_tried[:, q], np.log(_TRIED)))
-    return found
+            of_tried = posteriors(at, tried).determined[:, q]
+            if of_tried[-1] > _NOTHING:
+                found[q] = np.exp(np.interp(np.log(wanted[q]), np.log(of_tried), np.log(_TRIED)))
+    # The law of total variance.
+    off = mean - weight @ mean
+    total = np.einsum("m,mij->ij", weight, covariance) + (weight[:, None] * off).T @ off
+    standing_in, of_usual = posteriors(at, np.stack([found, np.ones(3)])).covariance
+    beyond, axes = np.linalg.eigh(total - standing_in)
+    spread = root @ (axes * np.maximum(beyond, 0.0)) @ axes.T @ root.T
+    usual_variances = np.diag(root @ of_usual @ root.T).reshape(k, 3)
+    return CalibrationPriors(found * usual.own, found * usual.common, spread, usual_variances)
 
 
-def posteriors(likelihood: Likelihood, factors: Array) -> tuple[Array, Array]:
-    """With normal priors of 1 sigma `factors` (m, 3): log evidence (m,), and how many calibrations ranges determine.
+class Posteriors(NamedTuple):
+    """Under each of m normal priors."""
 
-    (m, 3) of each kind: the sum of 1 minus the posterior over the prior variance.
-    """
+    evidence: Array
+    """(m,) its logarithm."""
+    determined: Array
+    """(m, 3) calibrations of each kind that the ranges determine: sums of 1 minus posterior over prior variance."""
+    mean: Array
+    """(m, 3 k)."""
+    covariance: Array
+    """(m, 3 k, 3 k)."""
+
+
+def posteriors(likelihood: Likelihood, factors: Array) -> Posteriors:
+    """With independent normal priors of 1 sigma `factors` (m, 3)."""
     k = len(likelihood.vector) // 3
     sigma = np.tile(factors, k)
     precision = np.eye(3 * k) + sigma[:, :, None] * likelihood.information * sigma[:, None, :]
@@ -112,8 +127,8 @@ def posteriors(likelihood: Likelihood, factors: Array) -> tuple[Array, Array]:
     pulled = sigma * likelihood.vector
     mean = np.einsum("mij,mj->mi", inverse, pulled)
     evidence = 0.5 * ((mean * pulled).sum(axis=1) - np.linalg.slogdet(precision)[1])
-    determined = 1.0 - np.diagonal(inverse, axis1=1, axis2=2)
-    return evidence, determined.reshape(-1, k, 3).sum(axis=1)
+    determined = (1.0 - np.diagonal(inverse, axis1=1, axis2=2)).reshape(-1, k, 3).sum(axis=1)
+    return Posteriors(evidence, determined, sigma * mean, sigma[:, :, None] * inverse * sigma[:, None, :])
 
 
 def _root(own: Array, common: Array, k: int) -> Array:

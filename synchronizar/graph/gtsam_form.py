@@ -86,7 +86,7 @@ class GtsamForm:
 
     def _add_calibration_priors(self, out: gtsam.NonlinearFactorGraph, em_weights: EmWeights) -> None:
         noise = gtsam.noiseModel
-        own, common = self.graph.calibration_sigmas
+        own, common = self.graph.calibration_priors[:2]
         weight = np.sqrt(em_weights.calibration_weight)
         for u in self.graph.calibrations:
             difference = np.array([0.0, 0.0, -self.graph.assumed_clock[u]])

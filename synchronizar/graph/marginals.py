@@ -83,12 +83,27 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
     free = [n for n in range(k) if n != walks.reference]
     heights = of_first[free, 2] - by_scale[free, None] * of_scale[free]
     bent = _negative_curvature(graph, height_curvature)
-    errors = np.concatenate([of_last, of_scale[:, None]], axis=1)
     straight = _with_negative_curvature(heights, bent)
+    errors = np.concatenate([of_last, of_scale[:, None]], axis=1) @ straight
+    of_calibrations = of_calibrations @ straight
+    if graph.calibration_priors.spread is not None:
+        more = _by_calibrations(of_calibrations, graph.calibration_priors.spread)
+        errors = np.concatenate([errors, errors @ more], axis=2)
+        of_calibrations = np.concatenate([of_calibrations, of_calibrations @ more], axis=2)
     return Errors(
-        {u: errors[n] @ straight for n, u in enumerate(walks.users)},
-        {u: of_calibrations[n] @ straight for n, u in enumerate(walks.users)},
+        {u: errors[n] for n, u in enumerate(walks.users)}, {u: of_calibrations[n] for n, u in enumerate(walks.users)}
     )
+
+
+def _by_calibrations(of_calibrations: Array, spread: Array) -> Array:
+    """(d, 3 k) further errors in terms of those that there are, so that calibrations have `spread` (3 k, 3 k) more.
+
+    `of_calibrations` (k, 3, d) is their square root. All else follows calibrations as it does in the graph.
+    """
+    rows = of_calibrations.reshape(len(spread), -1)
+    variances, axes = np.linalg.eigh(spread)
+    root = axes * np.sqrt(np.maximum(variances, 0.0))
+    return np.asarray(rows.T @ np.linalg.solve(rows @ rows.T, root))
 
 
 def _with_negative_curvature(heights: Array, negative_curvature: Array) -> Array:

@@ -54,6 +54,19 @@ class EmWeights:
     """(k,): the same weight of each origin's height about the mean level."""
 
 
+class CalibrationPriors(NamedTuple):
+    """Priors of the calibrations of a active users; see `calibration_priors` where they are measured."""
+
+    own: Array
+    """(3,) 1 sigma of each device's deviation in log scale, bias (m) and clock offset (s)."""
+    common: Array
+    """(3,) 1 sigma of what all share."""
+    spread: Array | None = None
+    """(3 a, 3 a) covariance of the calibrations on top, since nobody knows these sigmas; None where they are given."""
+    usual_variances: Array | None = None
+    """(a, 3) posterior variances under the usual priors; None where these are the usual ones."""
+
+
 class LocalOptimum(NamedTuple):
     """A local minimum of a pose graph's cost, or where EM stopped on the way to it."""
 
@@ -87,8 +100,7 @@ class PoseGraph:
         self.loss: NlosMixture = nlos_mixture(parameters)
         self.height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
         """(k,) m: of each origin about the mean level."""
-        self.calibration_sigmas = calibration_sigmas(parameters)
-        """(3,) each, 1 sigma of log scale, bias (m), clock offset (s): of devices' deviations, of the shared value."""
+        self.calibration_priors = CalibrationPriors(*calibration_sigmas(parameters))
         self._read_antennas(np.zeros(len(self.users)))
 
     @property
@@ -177,15 +189,11 @@ class PoseGraph:
         out.keyframes = keyframes
         return out
 
-    def with_calibration_sigmas(self, own: Array, common: Array) -> Self:
-        """The same graph with other priors of calibrations, (3,) 1 sigma each."""
+    def with_calibration_priors(self, priors: CalibrationPriors) -> Self:
+        """The same graph with other priors of calibrations."""
         out = copy(self)
-        out.calibration_sigmas = own, common
+        out.calibration_priors = priors
         return out
-
-    def with_priors_of(self, other: PoseGraph) -> Self:
-        """The same graph with the priors of calibrations of another one of the same recording."""
-        return self.with_calibration_sigmas(*other.calibration_sigmas)
 
     def initial_states(self, frames: Array, calibration: Array | None = None) -> States:
         """SLAM's own poses as states, with anchors at frames (k, 4) x, y, z (m), yaw (rad); `calibration` (k, 3)."""
@@ -220,7 +228,7 @@ class PoseGraph:
     def walk_noise(self, about: Array, em_weights: EmWeights) -> WalkNoise:
         """Weights and priors of the walks; the wide priors of position and yaw are centred on frames (k, 4)."""
         m, users = self.parameters, self.active_users
-        own, common = self.calibration_sigmas
+        own, common = self.calibration_priors[:2]
         weight = np.sqrt(em_weights.calibration_weight)
         of_users = [
             np.vstack([np.ones((1, 3)), self.keyframes[u].step_sigma / np.sqrt(em_weights.step_weight[u])[:, None]])
@@ -318,7 +326,7 @@ class PoseGraph:
 
     def _calibration_weights(self, states: States, before: EmWeights) -> tuple[Array, float]:
         """Weights (k + 1, 3) of the device calibrations, the last row of the shared one, and their cost."""
-        own, common = self.calibration_sigmas
+        own, common = self.calibration_priors[:2]
         shared = self.shared_calibration(states, before.calibration_weight)
         squares = np.zeros((len(self.users) + 1, 3))
         squares[self.active_users] = ((states.calibration[self.active_users] - shared) / own) ** 2
@@ -327,7 +335,7 @@ class PoseGraph:
 
     def shared_calibration(self, states: States, calibration_weight: Array) -> Array:
         """(3,) the most likely shared calibration, given weights (k + 1, 3)."""
-        own, common = self.calibration_sigmas
+        own, common = self.calibration_priors[:2]
         weight = calibration_weight[self.active_users] / own**2
         total = weight.sum(axis=0) + calibration_weight[-1] / common**2
         return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)

@@ -7,11 +7,13 @@ import pytest
 
 from synchronizar.arrays import Array
 from synchronizar.graph import calibration_priors as priors
-from synchronizar.graph.calibration_priors import Likelihood, posteriors, prior_factors
+from synchronizar.graph.calibration_priors import Likelihood, measured_priors, posteriors
+from synchronizar.graph.pose_graph import CalibrationPriors
 from synchronizar.graph.states import BIAS, CLOCK, SCALE
 from synchronizar.parameters import Parameters
 
 OWN, COMMON = np.array([0.03, 0.05, 0.04]), np.array([0.07, 0.03, 0.04])
+USUAL = CalibrationPriors(OWN, COMMON)
 SHARE = Parameters().devices.faultless_share
 
 
@@ -22,7 +24,7 @@ def told(values: Array, sigma: float | Array) -> Likelihood:
 
 
 def factors(likelihood: Likelihood, share: float = SHARE) -> Array:
-    return prior_factors(likelihood, OWN, COMMON, share)
+    return measured_priors(likelihood, USUAL, share).own / OWN
 
 
 def test_evidence_is_the_integral_over_all_calibrations() -> None:
@@ -35,13 +37,13 @@ def test_evidence_is_the_integral_over_all_calibrations() -> None:
         c = np.array(list(product(x, repeat=3))) * sigma
         w = np.array(list(product(weight, repeat=3))).prod(axis=1)
         density = np.exp(c @ likelihood.vector - 0.5 * np.einsum("ni,ij,nj->n", c, likelihood.information, c))
-        assert posteriors(likelihood, sigmas)[0][n] == pytest.approx(np.log(w @ density), abs=1e-6)
+        assert posteriors(likelihood, sigmas).evidence[n] == pytest.approx(np.log(w @ density), abs=1e-6)
 
 
 def test_without_a_prior_width_there_is_nothing_to_determine() -> None:
-    evidence, determined = posteriors(told(np.ones((2, 3)), 1.0), np.zeros((1, 3)))
-    assert evidence[0] == pytest.approx(0.0)
-    assert not determined.any()
+    none = posteriors(told(np.ones((2, 3)), 1.0), np.zeros((1, 3)))
+    assert none.evidence[0] == pytest.approx(0.0)
+    assert not none.determined.any()
 
 
 def test_one_width_determines_as_much_as_all_widths_do_on_average() -> None:
@@ -60,6 +62,26 @@ def test_one_width_determines_as_much_as_all_widths_do_on_average() -> None:
         width = (found[BIAS] * prior) ** 2
         assert width / (width + noise**2) == pytest.approx(average / total, rel=0.02)
         assert found[SCALE] == found[CLOCK] == 1.0
+
+
+def test_the_covariance_is_that_of_the_mixture_of_all_widths() -> None:
+    """By draws of widths and calibrations from the prior, weighed by their likelihood."""
+    random = np.random.default_rng(4)
+    likelihood = told(np.array([[0.0, 0.08, 0.0], [0.0, -0.06, 0.0]]), np.array([1e9, 0.8, 1e9]))
+    found = measured_priors(likelihood, USUAL, SHARE)
+    n = 400_000
+    slab = priors._SLAB / (1.0 + priors._SLAB**2)
+    share = np.concatenate([[SHARE], (1.0 - SHARE) * slab / slab.sum()])
+    width = random.choice(priors._FACTORS, n, p=share)[:, None]
+    bias = width * (OWN[BIAS] * random.standard_normal((n, 2)) + COMMON[BIAS] * random.standard_normal((n, 1)))
+    which = [BIAS, 3 + BIAS]
+    weight = np.exp(bias @ likelihood.vector[which] - 0.5 * bias**2 @ np.diag(likelihood.information)[which])
+    expected = np.cov(bias.T, aweights=weight)
+    own, common = found.own[BIAS], found.common[BIAS]
+    assert found.spread is not None
+    precision = np.linalg.inv(own**2 * np.eye(2) + common**2) + likelihood.information[np.ix_(which, which)]
+    got = np.linalg.inv(precision) + found.spread[np.ix_(which, which)]
+    np.testing.assert_allclose(got, expected, rtol=0.1, atol=0.1 * expected[0, 0])
 
 
 def slab_sum() -> float:

@@ -233,7 +233,7 @@ def test_what_ranges_say_of_calibrations_is_what_a_dense_matrix_of_gtsams_says(k
     wanted = np.concatenate([np.r_[rows[keys.calibration(u)]] for u in graph.active_users])
     covariance = np.linalg.inv(information)[np.ix_(wanted, wanted)]
     # With the priors that the graph has, what is found is as sure, and most likely where the graph has it.
-    own, common = graph.calibration_sigmas
+    own, common = graph.calibration_priors[:2]
     k, weight = len(graph.active_users), em_weights.calibration_weight
     prior = np.zeros((k, 3, k, 3))
     for q in range(3):
