@@ -38,7 +38,7 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, keyframes_of
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.progress import Progress, stage, unheard
-from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions
+from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternion
 
 _ROUNDS = 4  # of expectation maximisation once priors are measured
 
@@ -103,24 +103,19 @@ def _with_slam(
         return replace(user, jumps=jumps)
     found = [*jumps, *slips(states, graph, u, track)]
     common, _ = common_track(states, u, graph.keyframes[u], track)
-    # The common frame is the reference's first pose: its track is moved little by little.
-    by = np.linspace(0.0, 1.0, len(common)) if u == graph.reference else np.ones(len(common))
-    common = _moved(common, assessed.optimum.frames[u], assessed.hypotheses[0].frames[u], by)
+    common = _moved(common, assessed.optimum.frames[u], assessed.hypotheses[0].frames[u])
     common = replace(common, position=common.position + own.common[:3])
     return replace(user, jumps=tuple(sorted(found, key=lambda jump: jump.t)), common_track=common)
 
 
-def _moved(track: Track, optimum: Array, mean: Array, by: Array) -> Track:
+def _moved(track: Track, optimum: Array, mean: Array) -> Track:
     """A track as the best optimum has it, moved and turned as a whole so that it ends where the mean of all has it.
 
-    `optimum` and `mean` (4,) are x, y, z, yaw of the last keyframe, `by` (n,) how much of that each pose is moved.
+    `optimum` and `mean` (4,) are x, y, z, yaw of the last keyframe.
     """
     turn = wrap_angle(float(mean[3] - optimum[3]))
-    there = apply_frames(np.array([*mean[:3], turn]), track.position - optimum[:3])
-    half = 0.5 * turn * by
-    turned = np.column_stack([np.zeros((len(by), 2)), np.sin(half), np.cos(half)])
-    position = track.position + by[:, None] * (there - track.position)
-    return replace(track, position=position, quat_xyzw=multiply_quaternions(turned, track.quat_xyzw))
+    position = apply_frames(np.array([*mean[:3], turn]), track.position - optimum[:3])
+    return replace(track, position=position, quat_xyzw=multiply_quaternions(yaw_quaternion(turn), track.quat_xyzw))
 
 
 def solve(

@@ -269,7 +269,8 @@ def test_the_frame_told_holds_at_the_last_pose_where_minima_are_mixed(seed: int)
 
 @pytest.mark.parametrize("reference", ["phone0", "phone2"])
 def test_the_common_frame_is_the_reference_s_own_at_its_first_pose(reference: str) -> None:
-    simulation = simulate(Scene(users=3, drift_m_per_sqrt_s=0.02, seconds=16.0, seed=2))
+    # One optimum: where two are mixed, the reference's track lies as their mean has its end.
+    simulation = simulate(Scene(users=3, drift_m_per_sqrt_s=0.02, seconds=16.0, seed=3))
     recording = simulation.recording
     registration = register(recording, reference=reference)
     assert registration.reference == reference
