@@ -148,6 +148,8 @@ def _of_les(path: Path, line: _Line) -> list[tuple[str, list[float], float]]:
 
 def _of_lec(path: Path, line: _Line) -> list[tuple[str, list[float], float]]:
     words = line.text[line.text.index("DIST,") :].split(",")
+    if not words[1].strip().isdecimal():
+        raise InputError(path, f"a line of `lec` has {words[1]!r} where the number of anchors is due", line.number)
     count = int(words[1])
     out = []
     for k in range(count):
