@@ -26,7 +26,7 @@ class Contradicted(NamedTuple):
     users: list[int]
     reason: str
     lifted: bool = False
-    """Whether by one shift, upwards or down, of more than the largest error."""
+    """Whether by one shift, upwards or down. How far it has gone says nothing of how far it goes."""
 
 
 class Contradictions:
@@ -107,9 +107,7 @@ class Contradictions:
             return None
         wrong = max(rivals, key=lambda each: likely[each][0])
         shift = likely[wrong][1]
-        upright = abs(float(shift[2])) > max(
-            _UPRIGHT * float(np.hypot(*shift[:2])), self._parameters.integrity.largest_error
-        )
+        upright = abs(float(shift[2])) > _UPRIGHT * float(np.hypot(*shift[:2]))
         reason = f"its latest ranges say that it is {float(np.linalg.norm(shift)):.1f} m from there"
         return Contradicted(sorted(wrong), reason, upright)
 

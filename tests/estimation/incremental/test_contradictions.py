@@ -103,6 +103,26 @@ def test_who_goes_up_or_down_is_told_from_who_slides(velocity: tuple[float, floa
     assert found.lifted is lifted
 
 
+def test_a_lift_is_told_as_such_before_it_has_gone_far() -> None:
+    """Half a metre in 4 s, among people so near that a few hundred ranges show it."""
+    rows = []
+    for n in range(300):
+        for other in (0, 1, 2, 3):
+            away = PLACES[other] - PLACES[4]
+            off = np.array([0.0, 0.0, -0.5 * n / 300])
+            rows.append(
+                (
+                    NOW - 4.0 * (1.0 - n / 300),
+                    other,
+                    4,
+                    float(np.linalg.norm(away) - np.linalg.norm(away + off)) / SIGMA,
+                )
+            )
+    found = told(rows)
+    assert found is not None
+    assert (found.users, found.lifted) == ([4], True)
+
+
 def test_a_few_ranges_tell_nothing() -> None:
     few = PARAMETERS.integrity.innovation_fewest - 1
     assert told(between({(0, 1): SHORT}, each=few)) is None
