@@ -44,7 +44,7 @@ NOT_KEPT = {
     "Engine": {"parameters", "_searcher"},
     "Roster": {"parameters"},
     "Following": {"_roster", "_log", "members"},
-    "Tracking": {"users", "streams", "parameters", "_loss", "_levers"},
+    "Tracking": {"users", "streams", "parameters", "_loss", "_levers", "_survey", "_biases"},
     "RangeWeighing": {"_parameters", "_loss"},
     "Schedule": {"_roster", "_following"},
     "Findings": {"_roster", "_following", "_verdicts"},

@@ -321,6 +321,6 @@ def test_what_is_taken_to_plain_values_and_back_goes_on_the_same() -> None:
 
 def test_nothing_that_it_knows_is_left_out() -> None:
     tracking = People().begin()
-    made_anew = {"users", "streams", "parameters", "_loss", "_levers"}
+    made_anew = {"users", "streams", "parameters", "_loss", "_levers", "_survey", "_biases"}
     assert set(vars(tracking)) == set(tracking.state()) | made_anew
     assert isinstance(tracking.follower, Follower)
