@@ -8,8 +8,8 @@ The slab ends where, with even odds, the mean square of a factor is 1: whose ran
 Near an optimum the likelihood of all calibrations is Gaussian, so the evidence (marginal likelihood) of each
 combination of factors is known in closed form, and so is how many calibrations the ranges determine (MacKay, Neural
 Computation 4, 1992), averaged over all combinations. The graph is then solved with the priors under which they
-determine as many: no combination is chosen, so nothing flips. What the posteriors of all combinations differ by is
-added to covariances (`marginals`).
+determine as many: no combination is chosen, so nothing flips. Covariances are told as those of the mixture of all
+combinations that are no wider than usual (`marginals`).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ _FACTORS = np.concatenate([[0.0], _SLAB])
 _TRIED = np.geomspace(0.01, _SLAB[-1], 16)
 _SWEEPS = 3
 _WIDE = 30.0  # sigmas of the prior that stands in for none
+_LEAST_VARIANCE = 1e-12  # of the largest
 _NOTHING = 1e-6  # calibrations that are determined
 
 
@@ -95,14 +96,15 @@ def measured_priors(likelihood: Likelihood, usual: CalibrationPriors, faultless:
             of_tried = posteriors(at, tried).determined[:, q]
             if of_tried[-1] > _NOTHING:
                 found[q] = np.exp(np.interp(np.log(wanted[q]), np.log(of_tried), np.log(_TRIED)))
-    # The law of total variance.
+    # The law of total variance. What is wider than usual is a tail, which the graph's weights tell already.
+    weight = np.where((grid <= 1.0).all(axis=1), weight, 0.0)
+    weight /= weight.sum()
     off = mean - weight @ mean
     total = np.einsum("m,mij->ij", weight, covariance) + (weight[:, None] * off).T @ off
     standing_in, of_usual = posteriors(at, np.stack([found, np.ones(3)])).covariance
-    beyond, axes = np.linalg.eigh(total - standing_in)
-    spread = root @ (axes * np.maximum(beyond, 0.0)) @ axes.T @ root.T
+    to_total = np.linalg.solve(root.T, (root @ _least_map(standing_in, total)).T).T
     usual_variances = np.diag(root @ of_usual @ root.T).reshape(k, 3)
-    return CalibrationPriors(found * usual.own, found * usual.common, spread, usual_variances)
+    return CalibrationPriors(found * usual.own, found * usual.common, to_total, usual_variances)
 
 
 class Posteriors(NamedTuple):
@@ -135,6 +137,22 @@ def _root(own: Array, common: Array, k: int) -> Array:
     """(3 k, 3 k) the symmetric root of the prior covariance of k calibrations: own^2 I + common^2 1 1' of each kind."""
     share = (np.sqrt(1.0 + k * (common / own) ** 2) - 1.0) / k
     return np.kron(np.eye(k), np.diag(own)) + np.kron(np.ones((k, k)), np.diag(own * share))
+
+
+def _least_map(before: Array, after: Array) -> Array:
+    """Symmetric A with A `before` A' = `after`, both covariances: of all such maps the one that moves errors least.
+
+    A = B^-1 (B C B)^1/2 B^-1 with B = `before`^1/2 and C = `after` (the optimal transport between normals).
+    """
+    variances, axes = np.linalg.eigh(before)
+    sigma = np.sqrt(np.maximum(variances, _LEAST_VARIANCE * variances[-1]))
+    between, turned = np.linalg.eigh(_symmetric(sigma[:, None] * (axes.T @ after @ axes) * sigma))
+    root = (turned * np.sqrt(np.maximum(between, 0.0))) @ turned.T
+    return np.asarray(axes @ (root / np.outer(sigma, sigma)) @ axes.T)
+
+
+def _symmetric(matrix: Array) -> Array:
+    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def _half_cauchy(factors: Array) -> Array:

@@ -86,24 +86,23 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
     straight = _with_negative_curvature(heights, bent)
     errors = np.concatenate([of_last, of_scale[:, None]], axis=1) @ straight
     of_calibrations = of_calibrations @ straight
-    if graph.calibration_priors.spread is not None:
-        more = _by_calibrations(of_calibrations, graph.calibration_priors.spread)
-        errors = np.concatenate([errors, errors @ more], axis=2)
-        of_calibrations = np.concatenate([of_calibrations, of_calibrations @ more], axis=2)
+    if graph.calibration_priors.to_total is not None:
+        total = _by_calibrations(of_calibrations, graph.calibration_priors.to_total)
+        errors, of_calibrations = errors @ total, of_calibrations @ total
     return Errors(
         {u: errors[n] for n, u in enumerate(walks.users)}, {u: of_calibrations[n] for n, u in enumerate(walks.users)}
     )
 
 
-def _by_calibrations(of_calibrations: Array, spread: Array) -> Array:
-    """(d, 3 k) further errors in terms of those that there are, so that calibrations have `spread` (3 k, 3 k) more.
+def _by_calibrations(of_calibrations: Array, to_total: Array) -> Array:
+    """(d, d): takes all errors to those where errors of calibrations are `to_total` (3 k, 3 k) times theirs.
 
-    `of_calibrations` (k, 3, d) is their square root. All else follows calibrations as it does in the graph.
+    `of_calibrations` (k, 3, d) is their square root C. All else follows calibrations as it does in the graph, and what
+    it does not share with them stays (the law of total variance): 1 + C' (C C')^-1 (A - 1) C.
     """
-    rows = of_calibrations.reshape(len(spread), -1)
-    variances, axes = np.linalg.eigh(spread)
-    root = axes * np.sqrt(np.maximum(variances, 0.0))
-    return np.asarray(rows.T @ np.linalg.solve(rows @ rows.T, root))
+    rows = of_calibrations.reshape(len(to_total), -1)
+    more = (to_total - np.eye(len(to_total))) @ rows
+    return np.asarray(np.eye(rows.shape[1]) + rows.T @ np.linalg.solve(rows @ rows.T, more))
 
 
 def _with_negative_curvature(heights: Array, negative_curvature: Array) -> Array:

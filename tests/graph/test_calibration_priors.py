@@ -64,7 +64,7 @@ def test_one_width_determines_as_much_as_all_widths_do_on_average() -> None:
         assert found[SCALE] == found[CLOCK] == 1.0
 
 
-def test_the_covariance_is_that_of_the_mixture_of_all_widths() -> None:
+def test_the_covariance_is_that_of_the_mixture_of_widths_up_to_the_usual_ones() -> None:
     """By draws of widths and calibrations from the prior, weighed by their likelihood."""
     random = np.random.default_rng(4)
     likelihood = told(np.array([[0.0, 0.08, 0.0], [0.0, -0.06, 0.0]]), np.array([1e9, 0.8, 1e9]))
@@ -76,12 +76,22 @@ def test_the_covariance_is_that_of_the_mixture_of_all_widths() -> None:
     bias = width * (OWN[BIAS] * random.standard_normal((n, 2)) + COMMON[BIAS] * random.standard_normal((n, 1)))
     which = [BIAS, 3 + BIAS]
     weight = np.exp(bias @ likelihood.vector[which] - 0.5 * bias**2 @ np.diag(likelihood.information)[which])
-    expected = np.cov(bias.T, aweights=weight)
+    expected = np.cov(bias.T, aweights=weight * (width[:, 0] <= 1.0))
     own, common = found.own[BIAS], found.common[BIAS]
-    assert found.spread is not None
+    assert found.to_total is not None
     precision = np.linalg.inv(own**2 * np.eye(2) + common**2) + likelihood.information[np.ix_(which, which)]
-    got = np.linalg.inv(precision) + found.spread[np.ix_(which, which)]
-    np.testing.assert_allclose(got, expected, rtol=0.1, atol=0.1 * expected[0, 0])
+    to_total = found.to_total[np.ix_(which, which)]
+    got = to_total @ np.linalg.inv(precision) @ to_total.T
+    np.testing.assert_allclose(got, expected, rtol=0.02, atol=0.02 * expected[0, 0])
+
+
+def test_the_map_between_two_covariances_takes_the_one_to_the_other_and_is_none_between_equals() -> None:
+    random = np.random.default_rng(5)
+    before, after = (root @ root.T for root in random.normal(size=(2, 6, 6)))
+    found = priors._least_map(before, after)
+    np.testing.assert_allclose(found @ before @ found.T, after, rtol=1e-6)
+    np.testing.assert_allclose(found, found.T, atol=1e-9)
+    np.testing.assert_allclose(priors._least_map(before, before), np.eye(6), atol=1e-6)
 
 
 def slab_sum() -> float:
