@@ -102,7 +102,7 @@ def measured_priors(likelihood: Likelihood, usual: CalibrationPriors, faultless:
     off = mean - weight @ mean
     total = np.einsum("m,mij->ij", weight, covariance) + (weight[:, None] * off).T @ off
     standing_in, of_usual = posteriors(at, np.stack([found, np.ones(3)])).covariance
-    to_total = np.linalg.solve(root.T, (root @ _least_map(standing_in, total)).T).T
+    to_total = np.asarray(np.linalg.solve(root.T, (root @ _least_map(standing_in, total)).T).T, dtype=float)
     usual_variances = np.diag(root @ of_usual @ root.T).reshape(k, 3)
     return CalibrationPriors(found * usual.own, found * usual.common, to_total, usual_variances)
 
