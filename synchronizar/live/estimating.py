@@ -119,7 +119,7 @@ class Solving:
             users = {waiting.user.name: msgspec.to_builtins(waiting.user) for waiting in self._waiting}
             for own in users.values():
                 own.pop("name")
-            surveyed = any(own["position"] is not None for own in users.values())
+            surveyed = any(waiting.user.position is not None for waiting in self._waiting)
             reference = None if surveyed else self._begin.reference
             self._estimator = Estimator(users, reference=reference, workers=self._begin.workers)
             self._waiting.clear()
