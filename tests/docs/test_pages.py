@@ -183,7 +183,7 @@ def test_every_setting_that_is_shown_is_read_as_it_stands(tmp_path: Path, capsys
     from synchronizar.io.recording_toml import read_recording_toml
 
     shown = blocks(DOCS / "data.md", "toml")
-    assert len(shown) == 2
+    assert len(shown) == 3
     for text in shown:
         (tmp_path / "recording.toml").write_text(text)
         read_recording_toml(tmp_path / "recording.toml")
@@ -194,8 +194,10 @@ def test_the_settings_that_are_explained_are_those_of_a_user(tmp_path: Path) -> 
     from synchronizar.io.recording_toml import read_recording_toml
 
     table = (DOCS / "data.md").read_text().split("| setting | unit | meaning |")[1].split("\n\n")[0]
-    values = {"up": '"y"', "static": "true", "height_sigma": "1", "antennas.NAME": "[0, 0, 0]"}
+    values = {"up": '"y"', "static": "true", "height_sigma": "1", "position": "[0, 0, 0]", "position_sigma": "1"}
+    values |= {"range_bias": "0", "range_bias_sigma": "1", "antennas.NAME": "[0, 0, 0]"}
+    beside = {"position": "static = true\n", "position_sigma": "static = true\nposition = [0, 0, 0]\n"}
     assert set(re.findall(r"^\| `([\w.]+)`", table, flags=re.MULTILINE)) == set(values)
     for setting, value in values.items():
-        (tmp_path / "recording.toml").write_text(f"[users.bob]\n{setting} = {value}\n")
+        (tmp_path / "recording.toml").write_text(f"[users.bob]\n{beside.get(setting, '')}{setting} = {value}\n")
         read_recording_toml(tmp_path / "recording.toml")
