@@ -9,7 +9,7 @@ Near an optimum the likelihood of all calibrations is Gaussian, so the evidence 
 combination of factors is known in closed form, and so is how many calibrations the ranges determine (MacKay, Neural
 Computation 4, 1992), averaged over all combinations. The graph is then solved with the priors under which they
 determine as many: no combination is chosen, so nothing flips. Covariances are told as those of the mixture of all
-combinations that are no wider than usual (`marginals`).
+combinations, but no larger than under the usual priors (`marginals`).
 """
 
 from __future__ import annotations
@@ -96,15 +96,17 @@ def measured_priors(likelihood: Likelihood, usual: CalibrationPriors, faultless:
             of_tried = posteriors(at, tried).determined[:, q]
             if of_tried[-1] > _NOTHING:
                 found[q] = np.exp(np.interp(np.log(wanted[q]), np.log(of_tried), np.log(_TRIED)))
-    # The law of total variance. What is wider than usual is a tail, which the graph's weights tell already.
-    weight = np.where((grid <= 1.0).all(axis=1), weight, 0.0)
-    weight /= weight.sum()
-    off = mean - weight @ mean
+    ours = posteriors(at, np.stack([found, np.ones(3)]))
+    standing_in, of_usual = ours.covariance
+    # The law of total variance, about what is told.
+    off = mean - ours.mean[0]
     total = np.einsum("m,mij->ij", weight, covariance) + (weight[:, None] * off).T @ off
-    standing_in, of_usual = posteriors(at, np.stack([found, np.ones(3)])).covariance
-    to_total = np.asarray(np.linalg.solve(root.T, (root @ _least_map(standing_in, total)).T).T, dtype=float)
+    apart = ours.mean[1] - ours.mean[0]
+    # What is wider than under the usual priors is their tail, which the graph's weights tell already.
+    told = _least_map(standing_in, _smaller(total, of_usual + np.outer(apart, apart)))
+    to_told = np.asarray(np.linalg.solve(root.T, (root @ told).T).T, dtype=float)
     usual_variances = np.diag(root @ of_usual @ root.T).reshape(k, 3)
-    return CalibrationPriors(found * usual.own, found * usual.common, to_total, usual_variances)
+    return CalibrationPriors(found * usual.own, found * usual.common, to_told, usual_variances)
 
 
 class Posteriors(NamedTuple):
@@ -144,11 +146,24 @@ def _least_map(before: Array, after: Array) -> Array:
 
     A = B^-1 (B C B)^1/2 B^-1 with B = `before`^1/2 and C = `after` (the optimal transport between normals).
     """
-    variances, axes = np.linalg.eigh(before)
-    sigma = np.sqrt(np.maximum(variances, _LEAST_VARIANCE * variances[-1]))
+    axes, sigma = _axes_of(before)
     between, turned = np.linalg.eigh(_symmetric(sigma[:, None] * (axes.T @ after @ axes) * sigma))
     root = (turned * np.sqrt(np.maximum(between, 0.0))) @ turned.T
     return np.asarray(axes @ (root / np.outer(sigma, sigma)) @ axes.T)
+
+
+def _smaller(a: Array, b: Array) -> Array:
+    """A covariance that is in each direction the smaller one of two, by directions in which neither is correlated."""
+    axes, sigma = _axes_of(b)
+    times, turned = np.linalg.eigh(_symmetric((axes.T @ a @ axes) / np.outer(sigma, sigma)))
+    root = axes @ (sigma[:, None] * turned) * np.sqrt(np.clip(times, 0.0, 1.0))
+    return np.asarray(root @ root.T)
+
+
+def _axes_of(covariance: Array) -> tuple[Array, Array]:
+    """(n, n) columns, (n,) 1 sigma along each."""
+    variances, axes = np.linalg.eigh(covariance)
+    return axes, np.sqrt(np.maximum(variances, _LEAST_VARIANCE * variances[-1]))
 
 
 def _symmetric(matrix: Array) -> Array:

@@ -86,22 +86,22 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
     straight = _with_negative_curvature(heights, bent)
     errors = np.concatenate([of_last, of_scale[:, None]], axis=1) @ straight
     of_calibrations = of_calibrations @ straight
-    if graph.calibration_priors.to_total is not None:
-        total = _by_calibrations(of_calibrations, graph.calibration_priors.to_total)
+    if graph.calibration_priors.to_told is not None:
+        total = _by_calibrations(of_calibrations, graph.calibration_priors.to_told)
         errors, of_calibrations = errors @ total, of_calibrations @ total
     return Errors(
         {u: errors[n] for n, u in enumerate(walks.users)}, {u: of_calibrations[n] for n, u in enumerate(walks.users)}
     )
 
 
-def _by_calibrations(of_calibrations: Array, to_total: Array) -> Array:
-    """(d, d): takes all errors to those where errors of calibrations are `to_total` (3 k, 3 k) times theirs.
+def _by_calibrations(of_calibrations: Array, to_told: Array) -> Array:
+    """(d, d): takes all errors to those where errors of calibrations are `to_told` (3 k, 3 k) times theirs.
 
     `of_calibrations` (k, 3, d) is their square root C. All else follows calibrations as it does in the graph, and what
     it does not share with them stays (the law of total variance): 1 + C' (C C')^-1 (A - 1) C.
     """
-    rows = of_calibrations.reshape(len(to_total), -1)
-    more = (to_total - np.eye(len(to_total))) @ rows
+    rows = of_calibrations.reshape(len(to_told), -1)
+    more = (to_told - np.eye(len(to_told))) @ rows
     return np.asarray(np.eye(rows.shape[1]) + rows.T @ np.linalg.solve(rows @ rows.T, more))
 
 

@@ -67,9 +67,9 @@ class CalibrationPriors(NamedTuple):
     """(3,) 1 sigma of each device's deviation in log scale, bias (m) and clock offset (s)."""
     common: Array
     """(3,) 1 sigma of what all share."""
-    to_total: Array | None = None
-    """(3 a, 3 a) takes errors of calibrations under these priors to those of a mixture of widths, since nobody knows
-    these sigmas; None where they are given."""
+    to_told: Array | None = None
+    """(3 a, 3 a) takes errors of calibrations under these priors to those that are told, since nobody knows these
+    sigmas; None where they are given."""
     usual_variances: Array | None = None
     """(a, 3) posterior variances under the usual priors; None where these are the usual ones."""
 

@@ -64,10 +64,10 @@ def test_one_width_determines_as_much_as_all_widths_do_on_average() -> None:
         assert found[SCALE] == found[CLOCK] == 1.0
 
 
-def test_the_covariance_is_that_of_the_mixture_of_widths_up_to_the_usual_ones() -> None:
+def test_the_covariance_is_that_of_the_mixture_of_all_widths() -> None:
     """By draws of widths and calibrations from the prior, weighed by their likelihood."""
     random = np.random.default_rng(4)
-    likelihood = told(np.array([[0.0, 0.08, 0.0], [0.0, -0.06, 0.0]]), np.array([1e9, 0.8, 1e9]))
+    likelihood = told(np.array([[0.0, 0.03, 0.0], [0.0, 0.01, 0.0]]), np.array([1e9, 0.8, 1e9]))
     found = measured_priors(likelihood, USUAL, SHARE)
     n = 400_000
     slab = priors._SLAB / (1.0 + priors._SLAB**2)
@@ -76,12 +76,12 @@ def test_the_covariance_is_that_of_the_mixture_of_widths_up_to_the_usual_ones() 
     bias = width * (OWN[BIAS] * random.standard_normal((n, 2)) + COMMON[BIAS] * random.standard_normal((n, 1)))
     which = [BIAS, 3 + BIAS]
     weight = np.exp(bias @ likelihood.vector[which] - 0.5 * bias**2 @ np.diag(likelihood.information)[which])
-    expected = np.cov(bias.T, aweights=weight * (width[:, 0] <= 1.0))
+    expected = np.cov(bias.T, aweights=weight)
     own, common = found.own[BIAS], found.common[BIAS]
-    assert found.to_total is not None
+    assert found.to_told is not None
     precision = np.linalg.inv(own**2 * np.eye(2) + common**2) + likelihood.information[np.ix_(which, which)]
-    to_total = found.to_total[np.ix_(which, which)]
-    got = to_total @ np.linalg.inv(precision) @ to_total.T
+    to_told = found.to_told[np.ix_(which, which)]
+    got = to_told @ np.linalg.inv(precision) @ to_told.T
     np.testing.assert_allclose(got, expected, rtol=0.02, atol=0.02 * expected[0, 0])
 
 
@@ -92,6 +92,30 @@ def test_the_map_between_two_covariances_takes_the_one_to_the_other_and_is_none_
     np.testing.assert_allclose(found @ before @ found.T, after, rtol=1e-6)
     np.testing.assert_allclose(found, found.T, atol=1e-9)
     np.testing.assert_allclose(priors._least_map(before, before), np.eye(6), atol=1e-6)
+
+
+def test_the_smaller_of_two_covariances_is_so_in_every_direction() -> None:
+    wide, narrow = np.diag([4.0, 1.0, 9.0]), np.diag([1.0, 2.0, 3.0])
+    turn = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))[0]
+    found = priors._smaller(turn @ wide @ turn.T, turn @ narrow @ turn.T)
+    np.testing.assert_allclose(found, turn @ np.diag([1.0, 1.0, 3.0]) @ turn.T, atol=1e-9)
+    random = np.random.default_rng(7)
+    a, b = (root @ root.T for root in random.normal(size=(2, 4, 4)))
+    for other in (a, b):
+        assert np.linalg.eigvalsh(other - priors._smaller(a, b)).min() > -1e-9
+
+
+def test_covariances_are_no_larger_than_under_the_usual_priors() -> None:
+    """About what is told; of who is far off too, for whom wide priors are likely."""
+    likelihood = told(np.full((2, 3), 0.4), 0.8)
+    far = measured_priors(likelihood, USUAL, SHARE)
+    assert far.to_told is not None
+    prior = np.array([np.kron(np.eye(2), np.diag(s**2)) for s in (far.own, OWN)])
+    prior += np.array([np.kron(np.ones((2, 2)), np.diag(s**2)) for s in (far.common, COMMON)])
+    standing_in, usual = np.linalg.inv(np.linalg.inv(prior) + likelihood.information)
+    apart = (usual - standing_in) @ likelihood.vector
+    most = usual + np.outer(apart, apart)
+    assert np.linalg.eigvalsh(most - far.to_told @ standing_in @ far.to_told.T).min() > -1e-4 * most.max()
 
 
 def slab_sum() -> float:
