@@ -36,12 +36,8 @@ def found(stage: Stage, game: Game, kept: set[str]) -> YawFrame | None:
 
 def radios_of(stage: Stage) -> dict[str, Vector]:
     """Places (m, common frame) of radios that stand still and are known well."""
-    out: dict[str, Vector] = {}
-    for member in stage.members.values():
-        frame = _sure_frame(stage.frames.users.get(member.name))
-        if member.static and frame is not None:
-            out[member.name] = frame.x, frame.y, frame.z
-    return out
+    placed = ((member, _sure_frame(stage.frames.users.get(member.name))) for member in stage.members.values())
+    return {who.name: (frame.x, frame.y, frame.z) for who, frame in placed if who.static and frame is not None}
 
 
 def frames_of(stage: Stage, game_from_common: YawFrame) -> dict[str, KeptFrame]:
