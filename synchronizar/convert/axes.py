@@ -47,12 +47,12 @@ _DIRECTIONS = {
     "u": (0.0, 0.0, 1.0),
     "d": (0.0, 0.0, -1.0),
 }
-_COMPASS = str.maketrans("nsew", "fbrl")
+_FACING_NORTH = str.maketrans({"n": "f", "s": "b", "e": "r", "w": "l"})
 
 
 def axes_named(place: str, name: str) -> str:
     """The letters of axes that are named, or given by letters. Raises InputError for a word that is neither."""
-    letters = NAMED.get(name.strip().lower()) or name.strip().lower().translate(_COMPASS)
+    letters = NAMED.get(name.strip().lower()) or name.strip().lower().translate(_FACING_NORTH)
     if len(letters) != 3 or any(c not in _DIRECTIONS for c in letters) or not _is_frame(letters):
         raise InputError(
             place, f"{quoted(name)} names no axes: say {', '.join(sorted(NAMED))}, or where x y z point, as in rdf"
