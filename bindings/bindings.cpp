@@ -431,17 +431,26 @@ NB_MODULE(_core, m) {
           "step_noise",
           [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
              const WalkNoise& noise, const LossKind& loss, const Marks& kept, const Marks& counted,
-             double weight, int rounds) {
+             const Column& tried, double weight, int rounds) {
             check_states(self, places, calibration, noise);
             require(kept.size() == places.rows() && counted.size() == places.rows(),
                     "kept and counted must be (m,)");
             for (const int first : self.walks().first) {
               require(first == counted.size() || !counted[first], "no step leads to a user's first keyframe");
             }
-            return self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept, counted, weight,
-                                   rounds);
+            require(tried.size() > 0 && tried.minCoeff() > 0.0, "tried must be positive");
+            const auto found = self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept, counted,
+                                               tried, weight, rounds);
+            std::vector<Eigen::MatrixXd> factors;
+            Column evidence(tried.size()), determined(tried.size());
+            for (size_t b = 0; b < found.size(); ++b) {
+              factors.push_back(found[b].factors);
+              evidence[static_cast<Eigen::Index>(b)] = found[b].evidence;
+              determined[static_cast<Eigen::Index>(b)] = found[b].determined;
+            }
+            return std::tuple(factors, evidence, determined);
           },
-          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "weight"_a, "rounds"_a);
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "tried"_a, "weight"_a, "rounds"_a);
 
   nb::class_<RigidSolver>(m, "RigidSolver")
       .def(

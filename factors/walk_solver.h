@@ -77,6 +77,9 @@ class BorderedEnvelope {
   // In place; false where it is not positive definite.
   bool factorize();
 
+  // Of the matrix, by its decomposition.
+  double log_determinant() const;
+
   // The solutions for right-hand sides, rows by group, in place; of a decomposition.
   using Sides = std::vector<Eigen::MatrixXd>;
   void solve(Sides& sides) const;
@@ -91,6 +94,15 @@ class BorderedEnvelope {
   std::vector<int> sizes_, first_;
   std::vector<size_t> begin_;
   std::vector<Eigen::MatrixXd> blocks_;
+};
+
+// The noise of k users' steps about a common factor on it.
+struct StepNoise {
+  // (k, 2) the most likely factors on each user's step sigmas in place and heading, by expectation
+  // maximisation; the prior counts as so many steps with the common factor.
+  Eigen::MatrixXd factors;
+  double evidence;    // logarithm of the marginal likelihood at these factors, with their prior
+  double determined;  // errors of steps that the ranges determine: sum of 1 minus posterior over prior variance
 };
 
 class WalkSolver {
@@ -118,12 +130,12 @@ class WalkSolver {
   Eigen::MatrixXd covariance(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                              const Column& height_curvature, const Numbers& keyframes) const;
 
-  // The most likely factors (k, 2) on each user's step sigmas in place and heading, by `rounds` of
-  // expectation maximisation in the system linearised at these states. Steps to the keyframes `counted` (m)
-  // have them, others stay as they are; the prior counts as `weight` steps whose factor is 1. Only the
-  // keyframes `kept` (m), a run of each user, and the ranges between them are in it.
-  Eigen::MatrixXd step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                             const Marks& kept, const Marks& counted, double weight, int rounds) const;
+  // What the ranges say of the noise of SLAM's steps, in the system linearised at these states, were it about
+  // each of `tried` (b) times what it is. Steps to the keyframes `counted` (m) have the factors, others stay as
+  // they are. Only the keyframes `kept` (m), a run of each user, and the ranges between them are in it.
+  std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                    const Marks& kept, const Marks& counted, const Column& tried, double weight,
+                                    int rounds) const;
 
  private:
   // Where a variable is: a group (the border is the last one) and its offset there; -1 if it is fixed.
@@ -162,7 +174,9 @@ class WalkSolver {
   Step step_to(int keyframe, const WalkStates& states, const Vector3& sigma) const;
   double prior_cost(const WalkStates& states, const WalkNoise& noise) const;
   WalkStates moved(const WalkStates& states, const BorderedEnvelope::Sides& step, double length) const;
-  Eigen::MatrixXd step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+  std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                    const Marks& counted, const Column& tried, double weight, int rounds) const;
+  StepNoise step_noise_about(double about, const System& others, const WalkStates& states, const WalkNoise& noise,
                              const Marks& counted, double weight, int rounds) const;
   std::vector<DeviceAtKeyframe> devices(const WalkStates& states, const Column& assumed_clock) const;
   Vector3 shared_calibration(const WalkStates& states, const WalkNoise& noise) const;

@@ -247,12 +247,15 @@ class WalkSolver:
         loss: Loss,
         kept: Mask,
         counted: Mask,
+        tried: Array,
         weight: float,
         rounds: int,
-    ) -> Array:
-        """(k, 2) factors on step sigmas in place and heading of the steps to the keyframes `counted` (m,).
+    ) -> tuple[list[Array], Array, Array]:
+        """What ranges say of the noise of the steps to the keyframes `counted` (m,), about each of `tried` (b,).
 
-        Only the keyframes `kept` (m,), a run of each user, and the ranges between them are used.
+        That is b times (k, 2) factors on step sigmas in place and heading, (b,) the logarithm of the evidence, and (b,)
+        how many errors of steps are determined. Only the keyframes `kept` (m,), a run of each user, and the ranges
+        between them are used.
         """
 
 class RigidSolver:

@@ -87,8 +87,11 @@ class SlamParameters:
     """The same by the way walked: 0.007 rad in the first second of walking, between 0.01 and 0.001 to 0.007 rad."""
     drift_dof: float = 5.0
     """Degrees of freedom of Student's t, as which steps are distributed: trackers slip now and then."""
+    drift_least: float = 0.35
+    """Factor on these figures that no SLAM is taken to stay below, though its ranges would have it drift less: on
+    recordings with a truth, errors grew again below it while the ranges of a short walk saw no difference."""
     drift_weight: float = 20.0
-    """Steps that these figures are worth where the noise of a device's own SLAM is estimated."""
+    """Steps that the drift of all users together is worth where that of a device's own SLAM is estimated."""
     slip_sigmas: float = 5.0
     """Sigmas of a step between keyframes beyond which SLAM slipped."""
 

@@ -50,7 +50,7 @@ class Solved(NamedTuple):
     minima: list[LocalOptimum]
     """The local optima that explain the ranges, best first."""
     noise: Array
-    """(k, 2) factors on the drift of `parameters.slam` for each user, in position and heading."""
+    """(k, 2) factors on the drift of `parameters.slam` for each user, in position and heading: `step_noise.told`."""
     searched: float
     """s, perf_counter at the end of the search."""
 
@@ -159,16 +159,18 @@ def _refined(
 ) -> tuple[list[LocalOptimum], Array]:
     """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
-    All of them with the step noise estimated for each device (`step_noise`), and with priors as wide as the ranges make
-    likely (`calibration_priors`). `heights` (k,) m were found before.
+    All of them with priors of calibrations as wide as the ranges make likely (`calibration_priors`), and with the step
+    noise that they show of each device (`step_noise`). `heights` (k,) m were found before.
     """
-    best = with_noise_alone(with_measured_weights(found[0]))
+    interval, finest = coarse_interval(problem), problem.parameters.slam.keyframe_interval
+    usual = found[0].graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval))
+    best = with_noise_alone(with_measured_weights(found[0]._replace(graph=usual)))
     graph = with_measured_priors(best.graph, best.states, best.em_weights)
     priors = graph.calibration_priors
     best = graph.run_em(best.states, best.em_weights, _ROUNDS)
     noise = step_noise(best.graph, best.states, best.em_weights)
-    coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem), noise)
-    fine = keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, noise)
+    coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used)
+    fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
     others = other_heights(best, heights)
@@ -178,7 +180,11 @@ def _refined(
     if better.cost < best.cost - BETTER:
         found, others = [better, *found[1:]], [s for s in (best, *others) if s is not better]
         best = better
-    return compare(found, refine(best, PoseGraph(problem, fine).with_calibration_priors(priors)), others), noise
+    best, *others = compare(found, refine(best, PoseGraph(problem, fine).with_calibration_priors(priors)), others)
+    told = keyframes_of_all(problem, repaired_tracks, interval, noise.told)
+    minima = [s._replace(graph=s.graph.with_keyframes(told)) for s in others]
+    told = keyframes_of_all(problem, repaired_tracks, finest, noise.told)
+    return [best._replace(graph=best.graph.with_keyframes(told)), *minima], noise.told
 
 
 def keyframes_of_all(
