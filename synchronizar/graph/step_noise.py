@@ -8,7 +8,8 @@ at an optimum; own factors are found by expectation maximisation.
 
 Several common factors explain the ranges, and none is chosen: the graph is solved with the one under which the ranges
 determine as many errors of steps as they do on average (MacKay, Neural Computation 4, 1992), so nothing flips.
-Covariances are told with the mean square of the factors.
+Covariances are told with the mean square of the factors and one standard deviation of it more: where the factor is
+hardly known, errors have tails, and the common one of a short walk is as often above its mean as below.
 
 Shumway and Stoffer (J. Time Series Analysis 3, 1982): the expected square of a step's error is the square at the most
 likely states plus its posterior variance. Steps are Gaussian here, and slips are left out; with the graph's weights of
@@ -78,7 +79,9 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepN
     at = float(np.interp(weight @ determined, determined, np.arange(len(tried))))
     low = min(int(at), len(tried) - 2)
     used[walks.users] = factors[low] ** (low + 1 - at) * factors[low + 1] ** (at - low)
-    told[walks.users] = np.sqrt(np.tensordot(weight, factors**2, axes=1))
+    squared = np.tensordot(weight, factors**2, axes=1)
+    spread = np.sqrt(np.tensordot(weight, (factors**2 - squared) ** 2, axes=1))
+    told[walks.users] = np.sqrt(squared + spread)
     return StepNoise(used, np.maximum(used, told))
 
 
