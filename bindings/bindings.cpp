@@ -439,8 +439,8 @@ NB_MODULE(_core, m) {
               require(first == counted.size() || !counted[first], "no step leads to a user's first keyframe");
             }
             require(tried.size() > 0 && tried.minCoeff() > 0.0, "tried must be positive");
-            const auto found = self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept, counted,
-                                               tried, weight, rounds);
+            const auto found = self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept,
+                                               counted, tried, weight, rounds);
             std::vector<Eigen::MatrixXd> factors;
             Column evidence(tried.size()), determined(tried.size());
             for (size_t b = 0; b < found.size(); ++b) {
@@ -450,7 +450,8 @@ NB_MODULE(_core, m) {
             }
             return std::tuple(factors, evidence, determined);
           },
-          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "tried"_a, "weight"_a, "rounds"_a);
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "tried"_a, "weight"_a,
+          "rounds"_a);
 
   nb::class_<RigidSolver>(m, "RigidSolver")
       .def(

@@ -4,12 +4,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "factors/gauss_newton.h"
 
 namespace synchronizar {
 
+static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+static constexpr double kHopeless =
+    10.0;  // log evidence: whose common factor has so much less is not refined
 static constexpr int kLast = 2 * kOwnColumns;  // column of the residuals in a pair's squares
 
 // ---- the matrix ----
@@ -659,51 +663,70 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
                                               double weight, int rounds) const {
   const System others = linearized(states, noise, loss, nullptr, &counted);
   std::vector<StepNoise> out;
-  for (const double about : tried) out.push_back(step_noise_about(about, others, states, noise, counted, weight, rounds));
+  double most = -std::numeric_limits<double>::infinity();
+  for (const double about : tried) {
+    out.push_back({Eigen::MatrixXd::Constant(walks_.users, 2, about), 0.0, kUnknown});
+    out.back().evidence =
+        with_steps(about, out.back().factors, others, states, noise, counted, weight).evidence;
+    most = std::max(most, out.back().evidence);
+  }
+  for (size_t b = 0; b < out.size(); ++b) {
+    if (out[b].evidence < most - kHopeless) continue;
+    maximize(tried[static_cast<Eigen::Index>(b)], out[b], others, states, noise, counted, weight, rounds);
+  }
   return out;
 }
 
-StepNoise WalkSolver::step_noise_about(double about, const System& others, const WalkStates& states,
-                                       const WalkNoise& noise, const Marks& counted, double weight,
-                                       int rounds) const {
-  Eigen::MatrixXd factors = Eigen::MatrixXd::Constant(walks_.users, 2, about);
-  StepNoise out{factors, 0.0, 0.0};
-  const auto step_with = [&](int n, double place, double height, double heading) {
-    return step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(Vector3(place, height, heading)));
-  };
+WalkSolver::WithSteps WalkSolver::with_steps(double about, const Eigen::MatrixXd& factors,
+                                             const System& others, const WalkStates& states,
+                                             const WalkNoise& noise, const Marks& counted,
+                                             double weight) const {
+  WithSteps out{others.matrix, others.gradient, -std::numeric_limits<double>::infinity()};
+  System system = others;
+  double squared = 0.0, log_sigma = 0.0;
+  Column count = Column::Zero(walks_.users);
+  for (int n = 1; n < states.places.rows(); ++n) {
+    if (!counted[n]) continue;
+    const Vector3 by(factors(user_[n], 0), about, factors(user_[n], 1));
+    const Step step = step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(by));
+    add(system, step);
+    squared += step.residual.squaredNorm();
+    count[user_[n]] += 1.0;
+  }
+  if (!system.matrix.factorize()) return out;
+  out.step = system.gradient;
+  system.matrix.solve(out.step);
+  double gained = 0.0;
+  for (size_t g = 0; g < out.step.size(); ++g) gained += out.step[g].col(0).dot(system.gradient[g].col(0));
+  for (int u = 0; u < walks_.users; ++u) {
+    log_sigma += count[u] * std::log(about);  // of heights
+    for (int kind = 0; kind < 2; ++kind) {
+      const double many = kind == 0 ? 2.0 : 1.0, ratio = factors(u, kind) / about;
+      log_sigma += many * count[u] * std::log(factors(u, kind)) +
+                   many * weight * (std::log(ratio) + 0.5 * (1.0 / (ratio * ratio) - 1.0));
+    }
+  }
+  out.evidence = -0.5 * (squared - gained + system.matrix.log_determinant()) - log_sigma;
+  out.matrix = std::move(system.matrix);
+  return out;
+}
+
+void WalkSolver::maximize(double about, StepNoise& out, const System& others, const WalkStates& states,
+                          const WalkNoise& noise, const Marks& counted, double weight, int rounds) const {
+  Eigen::MatrixXd factors = out.factors;
+  Column count = Column::Zero(walks_.users);
+  for (int n = 1; n < states.places.rows(); ++n) count[user_[n]] += counted[n] ? 1.0 : 0.0;
   for (int round = 0; round <= rounds; ++round) {
-    System system = others;
-    double squared = 0.0, log_sigma = 0.0;
-    Column count = Column::Zero(walks_.users);
-    for (int n = 1; n < states.places.rows(); ++n) {
-      if (!counted[n]) continue;
-      const Step step = step_with(n, factors(user_[n], 0), about, factors(user_[n], 1));
-      add(system, step);
-      squared += step.residual.squaredNorm();
-      count[user_[n]] += 1.0;
-    }
-    if (!system.matrix.factorize()) return out;
-    // Minus twice the logarithm of the marginal likelihood, and of the prior of the users' own factors.
-    BorderedEnvelope::Sides step = system.gradient;
-    system.matrix.solve(step);
-    double gained = 0.0;
-    for (size_t g = 0; g < step.size(); ++g) gained += step[g].col(0).dot(system.gradient[g].col(0));
-    const double heights = count.sum() * std::log(about);
-    for (int u = 0; u < walks_.users; ++u) {
-      for (int kind = 0; kind < 2; ++kind) {
-        const double many = kind == 0 ? 2.0 : 1.0, ratio = factors(u, kind) / about;
-        log_sigma += many * count[u] * std::log(factors(u, kind)) +
-                     many * weight * (std::log(ratio) + 0.5 * (1.0 / (ratio * ratio) - 1.0));
-      }
-    }
+    const auto [matrix, step, evidence] = with_steps(about, factors, others, states, noise, counted, weight);
+    if (!std::isfinite(evidence)) return;
     out.factors = factors;
-    out.evidence = -0.5 * (squared - gained + system.matrix.log_determinant()) - log_sigma - heights;
-    const BorderedEnvelope covariance = system.matrix.inverse();
+    out.evidence = evidence;
+    const BorderedEnvelope covariance = matrix.inverse();
     Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(walks_.users, 2);
     double left = 0.0;
     for (int n = 1; n < states.places.rows(); ++n) {
       if (!counted[n]) continue;
-      const Step with = step_with(n, 1.0, 1.0, 1.0);
+      const Step with = step_to(n, states, noise.step_sigma.row(n).transpose());
       // Residuals in the plane and in heading, at the most likely states, and their variances.
       Eigen::Matrix<double, 4, 9> rows;
       rows << with.by_here, with.by_there, with.by_scale;
@@ -742,11 +765,9 @@ StepNoise WalkSolver::step_noise_about(double about, const System& others, const
     }
     out.determined = 4.0 * count.sum() - left;
     const double prior = weight * about * about;
-    factors.col(0) =
-        ((2.0 * prior + squares.col(0).array()) / (2.0 * (weight + count.array()))).sqrt();
+    factors.col(0) = ((2.0 * prior + squares.col(0).array()) / (2.0 * (weight + count.array()))).sqrt();
     factors.col(1) = ((prior + squares.col(1).array()) / (weight + count.array())).sqrt();
   }
-  return out;
 }
 
 }  // namespace synchronizar

@@ -101,8 +101,10 @@ struct StepNoise {
   // (k, 2) the most likely factors on each user's step sigmas in place and heading, by expectation
   // maximisation; the prior counts as so many steps with the common factor.
   Eigen::MatrixXd factors;
-  double evidence;    // logarithm of the marginal likelihood at these factors, with their prior
-  double determined;  // errors of steps that the ranges determine: sum of 1 minus posterior over prior variance
+  double evidence;  // logarithm of the marginal likelihood at these factors, with their prior
+  // Errors of steps that the ranges determine: the sum of 1 minus posterior over prior variance; NaN where
+  // the evidence is hopelessly less than that of others, and the users' own factors are not sought.
+  double determined;
 };
 
 class WalkSolver {
@@ -131,11 +133,11 @@ class WalkSolver {
                              const Column& height_curvature, const Numbers& keyframes) const;
 
   // What the ranges say of the noise of SLAM's steps, in the system linearised at these states, were it about
-  // each of `tried` (b) times what it is. Steps to the keyframes `counted` (m) have the factors, others stay as
-  // they are. Only the keyframes `kept` (m), a run of each user, and the ranges between them are in it.
+  // each of `tried` (b) times what it is. Steps to the keyframes `counted` (m) have the factors, others stay
+  // as they are. Only the keyframes `kept` (m), a run of each user, and the ranges between them are in it.
   std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                    const Marks& kept, const Marks& counted, const Column& tried, double weight,
-                                    int rounds) const;
+                                    const Marks& kept, const Marks& counted, const Column& tried,
+                                    double weight, int rounds) const;
 
  private:
   // Where a variable is: a group (the border is the last one) and its offset there; -1 if it is fixed.
@@ -175,9 +177,19 @@ class WalkSolver {
   double prior_cost(const WalkStates& states, const WalkNoise& noise) const;
   WalkStates moved(const WalkStates& states, const BorderedEnvelope::Sides& step, double length) const;
   std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                    const Marks& counted, const Column& tried, double weight, int rounds) const;
-  StepNoise step_noise_about(double about, const System& others, const WalkStates& states, const WalkNoise& noise,
-                             const Marks& counted, double weight, int rounds) const;
+                                    const Marks& counted, const Column& tried, double weight,
+                                    int rounds) const;
+  // The decomposition with steps whose noise has `factors`, the Newton step, and the evidence of the factors.
+  struct WithSteps {
+    BorderedEnvelope matrix;
+    BorderedEnvelope::Sides step;
+    double evidence;
+  };
+  WithSteps with_steps(double about, const Eigen::MatrixXd& factors, const System& others,
+                       const WalkStates& states, const WalkNoise& noise, const Marks& counted,
+                       double weight) const;
+  void maximize(double about, StepNoise& out, const System& others, const WalkStates& states,
+                const WalkNoise& noise, const Marks& counted, double weight, int rounds) const;
   std::vector<DeviceAtKeyframe> devices(const WalkStates& states, const Column& assumed_clock) const;
   Vector3 shared_calibration(const WalkStates& states, const WalkNoise& noise) const;
   double mean_height(const WalkStates& states, const WalkNoise& noise) const;

@@ -34,7 +34,7 @@ PLACE, HEADING = range(2)
 
 _LARGEST = 4.0
 _STEP = np.sqrt(2.0)  # between factors that are tried
-_ROUNDS = 10
+_ROUNDS = 4
 _MOST_KEYFRAMES = 400  # of a longer walk only the middle is used
 
 
@@ -73,12 +73,13 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepN
         slam.drift_weight,
         _ROUNDS,
     )
-    factors = np.array(of_users)
-    weight = half_cauchy(tried) * np.exp(evidence - evidence.max())
+    likely = np.isfinite(determined)
+    factors, evidence, determined = np.array(of_users)[likely], evidence[likely], determined[likely]
+    weight = half_cauchy(tried)[likely] * np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    at = float(np.interp(weight @ determined, determined, np.arange(len(tried))))
-    low = min(int(at), len(tried) - 2)
-    used[walks.users] = factors[low] ** (low + 1 - at) * factors[low + 1] ** (at - low)
+    at = float(np.interp(weight @ determined, determined, np.arange(len(weight))))
+    low = max(min(int(at), len(weight) - 2), 0)
+    used[walks.users] = factors[low] ** (low + 1 - at) * factors[min(low + 1, len(weight) - 1)] ** (at - low)
     squared = np.tensordot(weight, factors**2, axes=1)
     spread = np.sqrt(np.tensordot(weight, (factors**2 - squared) ** 2, axes=1))
     told[walks.users] = np.sqrt(squared + spread)
