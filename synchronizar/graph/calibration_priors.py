@@ -81,7 +81,7 @@ def measured_priors(likelihood: Likelihood, usual: CalibrationPriors, faultless:
     k = len(likelihood.vector) // 3
     root = _root(usual.own, usual.common, k)
     at = likelihood.times(root)
-    prior = np.concatenate([[faultless], (1.0 - faultless) * half_cauchy(_SLAB)])
+    prior = np.concatenate([[faultless], (1.0 - faultless) * _half_cauchy(_SLAB)])
     grid = np.stack(np.meshgrid(_FACTORS, _FACTORS, _FACTORS, indexing="ij"), axis=-1).reshape(-1, 3)
     weight = np.stack(np.meshgrid(prior, prior, prior, indexing="ij"), axis=-1).reshape(-1, 3).prod(axis=1)
     evidence, determined, mean, covariance = posteriors(at, grid)
@@ -170,7 +170,7 @@ def _symmetric(matrix: Array) -> Array:
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
-def half_cauchy(factors: Array) -> Array:
+def _half_cauchy(factors: Array) -> Array:
     """Probabilities of factors that are evenly spaced in their logarithm."""
     density = factors / (1.0 + factors**2)
     return np.asarray(density / density.sum())
