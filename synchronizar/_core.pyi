@@ -254,8 +254,8 @@ class WalkSolver:
         """What ranges say of the noise of the steps to the keyframes `counted` (m,), about each of `tried` (b,).
 
         That is b times (k, 2) factors on step sigmas in place and heading, (b,) the logarithm of the evidence, and (b,)
-        how many errors of steps are determined, NaN where the evidence is hopelessly less. Only the keyframes `kept` (m,), a run of each user, and the ranges
-        between them are used.
+        how many errors of steps are determined, NaN where the evidence is hopelessly less. Only the keyframes `kept`
+        (m,), a run of each user, and the ranges between them are used.
         """
 
 class RigidSolver:
