@@ -129,9 +129,11 @@ class SlamParameters:
 class DeviceParameters:
     """Priors of each device's scale, radio bias and clock: its own deviation, and one that all devices share."""
 
+    flawless_share: float = 0.5
+    """Probability that scales, biases and clocks of a recording are all right, before any range is known."""
     faultless_share: float = 0.5
-    """Probability that all scales of a recording are right, before any range is known; so also biases, and clocks. What
-    is not right is as below, times a factor that the ranges tell (`graph.calibration_priors`)."""
+    """Where they are not: probability that all its scales are right; so also biases, and clocks. What is not right is
+    as below, times a factor that the ranges tell (`graph.calibration_priors`)."""
     scale_sigma: float = 0.03
     """1 sigma of each device's log scale: most are metric to a few percent."""
     scale_common_sigma: float = 0.07
