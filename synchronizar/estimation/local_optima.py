@@ -206,15 +206,10 @@ def with_noise_alone(optimum: LocalOptimum) -> LocalOptimum:
     other = with_measured_weights(graph.run_em(states, replace(em_weights, range_weight=said), _FIRST_ROUNDS))
     if float(other.em_weights.range_weight.mean()) < _NOISIER * float(em_weights.range_weight.mean()):
         return optimum
-    gain = _cost_weighed(optimum, other) - other.cost
-    loss = _cost_weighed(other, optimum) - optimum.cost
+    ours, others = em_weights.range_weight, other.em_weights.range_weight
+    gain = _evidence_against(optimum, others) - _evidence_against(other, others)
+    loss = _evidence_against(other, ours) - _evidence_against(optimum, ours)
     return other if gain > loss + BETTER else optimum
-
-
-def _cost_weighed(optimum: LocalOptimum, weighed: LocalOptimum) -> float:
-    """What an optimum costs with the range weights of another."""
-    em_weights = replace(optimum.em_weights, range_weight=weighed.em_weights.range_weight)
-    return optimum.graph.e_step(optimum.states, em_weights)[1]
 
 
 def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:
