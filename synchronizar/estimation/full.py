@@ -23,6 +23,7 @@ from synchronizar.estimation.local_optima import (
     other_heights,
     other_places,
     refine,
+    with_devices_trusted,
     with_measured_weights,
     with_noise_alone,
 )
@@ -164,7 +165,15 @@ def _refined(
     """
     interval, finest = coarse_interval(problem), problem.parameters.slam.keyframe_interval
     usual = found[0].graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval))
-    best = with_noise_alone(with_measured_weights(found[0]._replace(graph=usual)))
+    best = with_devices_trusted(with_noise_alone(with_measured_weights(found[0]._replace(graph=usual))))
+    graph = with_measured_priors(best.graph, best.states, best.em_weights)
+    priors = graph.calibration_priors
+    best = graph.run_em(best.states, best.em_weights, _ROUNDS)
+    noise = step_noise(best.graph, best.states, best.em_weights)
+    coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used)
+    fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used)
+    found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
+    best = best._replace(graph=best.graph.with_keyframes(coarse))
     others = other_heights(best, heights)
     if nlos_share(best) > problem.parameters.search.doubtful_share:
         others += other_places(best)
@@ -172,17 +181,6 @@ def _refined(
     if better.cost < best.cost - BETTER:
         found, others = [better, *found[1:]], [s for s in (best, *others) if s is not better]
         best = better
-    graph = with_measured_priors(best.graph, best.states, best.em_weights)
-    priors = graph.calibration_priors
-    best = graph.run_em(best.states, best.em_weights, _ROUNDS)
-    noise = step_noise(best.graph, best.states, best.em_weights)
-    coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used)
-    fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used)
-    found, others = (
-        [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in optima]
-        for optima in (found, others)
-    )
-    best = best._replace(graph=best.graph.with_keyframes(coarse))
     best, *others = compare(found, refine(best, PoseGraph(problem, fine).with_calibration_priors(priors)), others)
     told = keyframes_of_all(problem, repaired_tracks, interval, noise.told)
     minima = [s._replace(graph=s.graph.with_keyframes(told)) for s in others]
