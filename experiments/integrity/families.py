@@ -118,6 +118,7 @@ KINDS: dict[str, Kind] = {
     # ... settings, ...
     "surveyed": Kind(_radios(2, 5), faults.surveyed),
     "wrongly surveyed": Kind(_radios(3, 5), faults.wrongly_surveyed),
+    "radios as one": Kind(_radios(3, 4), faults.one_radio_of_all),
     # ... and how poses come, stamps last.
     "sparse": Kind(fault=faults.sparse),
     "frozen": Kind(LONGER, faults.frozen),
@@ -128,7 +129,16 @@ KINDS: dict[str, Kind] = {
     "stray stamp": Kind(fault=faults.stray_stamp),
 }
 """In the order in which they are done where several are the matter."""
-MIXED = [name for name in KINDS if name != "clean"]
+ALTERNATIVES = (
+    {"20 % NLOS", "30 % NLOS", "50 % NLOS", "long bursts", "other NLOS"},
+    {"heights spread by 0.4 m", "heights spread by 0.8 m"},
+    {"drift twice", "everything wrong"},
+    {"lines", "some stand still"},
+    {"beacons", "surveyed", "wrongly surveyed", "radios as one"},
+    {"wxyz", "identity", "from velocity"},
+)
+"""Of which at most one is the matter."""
+MIXED = [name for name in KINDS if name not in ("clean", "short")]
 FAMILIES = (*KINDS, ABREAST, MIXTURE)
 _ROUND = (*KINDS, ABREAST, *[MIXTURE] * 9)
 """Of so many scenes, one after the other, which is which: two in ten are mixtures."""
@@ -149,14 +159,21 @@ def tasks(which: str, count: int, first: int = 0) -> list[tuple[str, int]]:
     return [(_ROUND[n % len(_ROUND)], BASES[which] + n) for n in range(first, first + count)]
 
 
+def _mixed(random: Random) -> tuple[str, ...]:
+    """Two or three kinds that go together, in their order."""
+    count, chosen = int(random.integers(2, 4)), set[str]()
+    for name in random.permutation(MIXED).tolist():
+        if len(chosen) < count and not any(name in group and group & chosen for group in ALTERNATIVES):
+            chosen.add(name)
+    return tuple(name for name in KINDS if name in chosen)
+
+
 def drawn(family: str, seed: int) -> Drawn:
     """A scene; the same again for the same family and seed."""
     random = np.random.default_rng([seed, *family.encode()])
     kinds: tuple[str, ...] = (family,)
     if family == MIXTURE:
-        count = int(random.integers(2, 4))
-        chosen = set(random.choice(len(MIXED), size=count, replace=False).tolist())
-        kinds = tuple(name for n, name in enumerate(MIXED) if n in chosen)
+        kinds = _mixed(random)
     users, seconds = int(random.integers(PEOPLE[0], PEOPLE[1] + 1)), float(random.choice(SECONDS))
     if family == ABREAST:
         scene = Scene(users=2, seconds=seconds, seed=seed)

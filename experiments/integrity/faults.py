@@ -212,6 +212,32 @@ def _surveyed(trial: Trial, random: Random, wrong: int) -> Trial:
     return trial.surveyed(entries, room_from_survey)
 
 
+def one_radio_of_all(trial: Trial, _: Random) -> Trial:
+    """The radios that stand still are told as the antennas of one, which is on the floor in the middle of the room."""
+    radios = [user.name for user in trial.recording.users if user.static]
+    places = {name: tuple(trial.simulation.truth[name].position[0].tolist()) for name in radios}
+    one = replace(trial.recording.users[trial.recording.index(radios[0])], antennas=places)
+    users = tuple(
+        one if user.name == one.name else user for user in trial.recording.users if user.name not in radios[1:]
+    )
+    names = [user.name for user in users]
+    index = np.array(
+        [names.index(one.name if user.name in radios else user.name) for user in trial.recording.users], dtype=np.int32
+    )
+    antenna = np.array([radios.index(u.name) if u.static else -1 for u in trial.recording.users], dtype=np.int32)
+    r = trial.recording.ranges
+    ends = {
+        "a": index[r.a],
+        "b": index[r.b],
+        "antenna_a": np.where(antenna[r.a] < 0, r.antenna_a, antenna[r.a]),
+        "antenna_b": np.where(antenna[r.b] < 0, r.antenna_b, antenna[r.b]),
+    }
+    floor = replace(trial.simulation.truth[one.name], position=np.zeros((1, 3)))
+    truth = {name: track for name, track in trial.simulation.truth.items() if name not in radios} | {one.name: floor}
+    out = trial.with_recording(users=users, ranges=replace(r, **ends))
+    return replace(out, simulation=replace(out.simulation, truth=truth)).without_best()
+
+
 # ---- how poses come ----
 
 

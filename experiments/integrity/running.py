@@ -20,6 +20,8 @@ SOURCES = (
     "factors/*",
     "bindings/*",
     "experiments/common/*.py",
+    "experiments/accuracy/full_walks.py",
+    "experiments/accuracy/late_kinds.py",
     *(f"experiments/integrity/{name}.py" for name in OF_THE_STUDY),
 )
 
