@@ -239,6 +239,6 @@ def test_what_is_counted(tmp_path: Path) -> None:
 def test_a_scene_is_solved_both_ways() -> None:
     done = judge(("short", 5))
     assert done.crashed == ""
-    assert {v.user for v in done.verdicts} >= {"phone0", "radio0", "radio1"}
+    assert [v.user for v in done.verdicts] == ["phone1"]
     assert all(e.off_s <= e.end - e.begin + 1e-9 for e in done.episodes)
     assert judged_of(line_of(done)) == done
