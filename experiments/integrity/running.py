@@ -80,8 +80,9 @@ def _done(left: Sequence[Task], until: float, processes: int | None, scheduler: 
         from distributed import Client, as_completed
 
         with Client(scheduler) as client:  # type: ignore[no-untyped-call]
-            for _, result in as_completed(client.map(work, left, pure=False), with_results=True):
-                yield result
+            futures = client.map(work, left, pure=False)
+            for future in as_completed(futures):  # type: ignore[no-untyped-call]
+                yield future.result()
         return
     with multiprocessing.Pool(processes) as pool:
         yield from pool.imap_unordered(work, left)

@@ -28,7 +28,8 @@ class Off(NamedTuple):
     yaw: float
     """rad; 0 of a radio that stands still."""
     sigma: float
-    """m, 1 sigma that was told of the user's last place, along its longest axis; NaN where nothing was."""
+    """m, 1 sigma that was told of the user's last place, along its longest axis; NaN where nothing was. The
+    frame's covariance, of which it is, has no scale: of tracks that begin kilometres away it says nothing."""
 
     @property
     def wrong(self) -> bool:

@@ -13,7 +13,7 @@ from experiments.integrity import running
 from experiments.integrity.best import well_placed
 from experiments.integrity.families import ABREAST, BASES, FAMILIES, KINDS, MIXTURE, drawn, tasks
 from experiments.integrity.judging import Judged, Task, Verdict, judge, judged_of, line_of
-from experiments.integrity.report import ALL, AT_ONCE, LIVE, groups_of, wrong_ones, written
+from experiments.integrity.report import ALL, AT_ONCE, LIVE, groups_of, written, wrong_ones
 from experiments.integrity.running import all_of
 from experiments.integrity.scoring import Episode, Off, Told, episodes, off_by, row_at, share_bounds
 from experiments.integrity.trial import TrueWalk
