@@ -18,6 +18,7 @@ from synchronizar.data.updates import Update, UserUpdate
 from synchronizar.estimation.incremental.replay import replay
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
+from synchronizar.parameters import IncrementalParameters
 from synchronizar.threads import one_blas_thread
 
 Task = tuple[str, int]
@@ -115,12 +116,18 @@ def _episodes(
         if user.state is not State.REGISTERED or user.common_from_user is None or other.common_from_user is None:
             offs.append(None)
             continue
+        if other.state is not State.REGISTERED:  # through whom the user's place is told
+            offs.append(None)
+            continue
         ends = [(truth[who], row_at(truth[who], tracks.get(who), update.t)) for who in (name, reference)]
+        since = row_at(truth[name], tracks.get(name), update.t - JUDGED_WALK)
         told = Told(user.state, user.common_from_user, user.covariance)
-        offs.append(off_by(told, Told(other.state, other.common_from_user, None), ends[0], ends[1], user.static))
+        of_reference = Told(other.state, other.common_from_user, None)
+        offs.append(off_by(told, of_reference, ends[0], ends[1], user.static, since))
     return episodes(name, [update.t - first for update in updates], offs)
 
 
+JUDGED_WALK = IncrementalParameters().judged_walk
 SURVEYED = UserUpdate(State.REGISTERED, YawFrame(), None, 1.0, True, None)
 
 

@@ -24,7 +24,7 @@ class Off(NamedTuple):
     """How far off a placement is."""
 
     place: float
-    """m: anywhere on the user's walk, in space, as the reference's device has it."""
+    """m: anywhere on the user's walk that is asked for, in space, as the reference's device has it."""
     yaw: float
     """rad; 0 of a radio that stands still."""
     sigma: float
@@ -75,15 +75,23 @@ def row_at(walk: TrueWalk, own: Track | None, t: float) -> int:
 
 
 def off_by(
-    told: Told, reference: Told, of_user: tuple[TrueWalk, int], of_reference: tuple[TrueWalk, int], static: bool
+    told: Told,
+    reference: Told,
+    of_user: tuple[TrueWalk, int],
+    of_reference: tuple[TrueWalk, int],
+    static: bool,
+    since: int = 0,
 ) -> Off:
-    """How far off a user's placement is through the reference; each one's true walk with the row of its newest pose."""
+    """How far off a user's placement is through the reference; each one's true walk with the row of its newest pose.
+
+    Anywhere on the user's walk from the row `since` on.
+    """
     assert told.frame is not None
     assert reference.frame is not None
     (walk, row), (other, at) = of_user, of_reference
     found = reference.frame.z_up.inverse() @ told.frame.z_up
     true = _frame(other, at).inverse() @ _frame(walk, row)
-    chosen = np.unique(np.linspace(0, row, min(row + 1, MOST_POINTS)).astype(int))
+    chosen = np.unique(np.linspace(since, row, min(row - since + 1, MOST_POINTS)).astype(int))
     own = _frame(walk, row).inverse() @ walk.position[chosen]
     if static:
         own = np.zeros((1, 3))
