@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tarfile
@@ -102,3 +103,51 @@ def test_the_version_comes_from_tags(tmp_path: Path) -> None:
 
     git(clone, "commit", "--quiet", "--allow-empty", "--message", "second")
     assert version_of(clone).startswith("1.2.1.dev1+g")
+
+
+CHANGES = """# Changelog
+
+## 0.3.0, unreleased
+
+- Newest.
+
+## 0.2.0, 2026-11-30
+
+### Added
+
+- This.
+
+## 0.2.0.1, 2026-11-29
+"""
+
+
+def notes(version: str, changelog: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """What the tool says of a version, where this is the changelog."""
+    (folder / "tools").mkdir()
+    (folder / "CHANGELOG.md").write_text(changelog)
+    tool = folder / "tools" / "changelog.py"
+    tool.write_bytes((REPOSITORY / "tools" / "changelog.py").read_bytes())
+    return subprocess.run([sys.executable, tool, version], capture_output=True, text=True, check=False)
+
+
+def test_a_release_has_what_the_changelog_says_of_its_version(tmp_path: Path) -> None:
+    told = notes("0.2.0", CHANGES, tmp_path)
+    assert (told.returncode, told.stdout, told.stderr) == (0, "### Added\n\n- This.\n", "")
+
+
+@pytest.mark.parametrize(
+    ("version", "fault"), [("0.3.0", "is unreleased"), ("0.2", "has no heading"), ("0.2.0.1", "has nothing below")]
+)
+def test_a_version_that_the_changelog_does_not_know_is_not_released(version: str, fault: str, tmp_path: Path) -> None:
+    told = notes(version, CHANGES, tmp_path)
+    assert (told.returncode, told.stdout) == (1, "")
+    assert told.stderr.startswith(f"CHANGELOG.md: {version} {fault}")
+    assert len(told.stderr.splitlines()) == 1
+
+
+def test_the_changelog_has_a_heading_for_each_version_the_newest_first() -> None:
+    headings = re.findall("^## (.*)$", (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+, (\d{4}-\d\d-\d\d|unreleased)", heading) for heading in headings)
+    versions = [tuple(map(int, heading.partition(",")[0].split("."))) for heading in headings]
+    assert versions == sorted(versions, reverse=True)
+    assert not any(heading.endswith("unreleased") for heading in headings[1:])
