@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tarfile
+from fnmatch import fnmatch
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -66,6 +67,14 @@ def test_the_sdist_has_what_a_build_needs_and_nothing_else(sdist: dict[str, byte
     }
     assert needed >= BESIDE
     assert set(sdist) - {"PKG-INFO"} == needed
+
+
+def test_a_container_is_built_from_as_much(sdist: dict[str, bytes]) -> None:
+    lines = (REPOSITORY / ".dockerignore").read_text().split("\n")
+    assert "*" in lines
+    copied = [line.removeprefix("!") for line in lines if line.startswith("!")]
+    left_out = {name for name in sdist if not any(fnmatch(name, at) or name.startswith(f"{at}/") for at in copied)}
+    assert left_out == {"PKG-INFO", "tests/smoke.py"}
 
 
 def test_the_sdist_is_small(sdist: dict[str, bytes]) -> None:
