@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -47,6 +48,7 @@ def _replay(options: argparse.Namespace) -> None:
 
     if options.out is not None:
         _refuse_recordings(options.out)
+    _need_gtsam("replay")
     recording, loaded = _loaded(options.recording)
     from synchronizar.estimation.incremental.replay import replay
 
@@ -305,6 +307,7 @@ def _print_conversion(options: argparse.Namespace, formats: list[str], notes: li
 
 
 def _serve(options: argparse.Namespace) -> None:
+    _need_gtsam("serve")
     with _extra("live"):
         from synchronizar.live.server import ServerOptions, announce, serve
     import asyncio
@@ -340,6 +343,12 @@ def _play(options: argparse.Namespace) -> None:
     from synchronizar.reporting.tables import answer_table
 
     print_result(json.dumps(answer, allow_nan=False) if options.json else answer_table(answer))
+
+
+def _need_gtsam(command: str) -> None:
+    """Who walks is followed by gtsam, which comes with the package where it has wheels: not for Windows."""
+    if find_spec("gtsam") is None:
+        raise InputError(command, "needs gtsam, which is not here: it has no wheel for Windows itself, but for WSL")
 
 
 @contextmanager
