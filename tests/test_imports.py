@@ -28,8 +28,9 @@ ALLOWED = {
     "simulation": ("io",),
     "reporting": ("io", "estimation"),
     "live": ("io", "estimation"),
+    "ros": ("live", "convert"),
     "apps": ("live",),
-    "cli": ("reporting", "simulation", "live", "convert"),
+    "cli": ("reporting", "simulation", "ros"),
     "face": ("cli",),
 }
 FACE = ("__init__", "__main__")

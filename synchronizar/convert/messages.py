@@ -15,19 +15,17 @@ from synchronizar.arrays import Array
 from synchronizar.convert.asked import LENGTH_UNITS, Asked
 from synchronizar.convert.assembling import listed
 from synchronizar.convert.fields import Topic
-from synchronizar.convert.guess import PoseRole, RangeRole, Roles, field_list, kind_of, preferred, roles_of
+from synchronizar.convert.guess import PoseRole, RangeRole, Roles, field_list, preferred, roles_of
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import Mapped, mapped
 from synchronizar.convert.names import matched
 from synchronizar.convert.radios import carriers
-from synchronizar.convert.reading import PoseReader, RangeReader
+from synchronizar.convert.reading import PoseReader, RangeReader, likely_unit
 from synchronizar.convert.track_file import add_track, add_truth
 from synchronizar.convert.transforms import Transforms
 from synchronizar.errors import InputError
 from synchronizar.progress import Progress
 
-LONGEST_RANGE = 300.0
-"""m: numbers of which most are larger are millimetres."""
 _CLOCKS_AGREE = 1.0
 """s: stamps that differ more from when they were logged than others' do are of another clock."""
 _STEP = 5000
@@ -199,11 +197,7 @@ class _Ranges:
             return LENGTH_UNITS[asked.range_unit]
         unit = self.role.unit
         if unit is None:
-            known = np.abs(np.array(self.distance))
-            known = known[np.isfinite(known)]
-            is_integer = kind_of(self.role.topic, value) == "integer"
-            unit = "mm" if is_integer or (len(known) and np.median(known) > LONGEST_RANGE) else "m"
-            why = "integers" if is_integer else f"{np.median(known):.6g} in the median" if len(known) else "none"
+            unit, why = likely_unit(self.role, self.distance)
             imported.note(f"{value} in {name} is taken to be in {unit} ({why}; --range-unit says otherwise)")
         return LENGTH_UNITS[unit]
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from synchronizar.convert.fields import Items, stamp_of
-from synchronizar.convert.guess import PoseRole, RangeRole
+from synchronizar.convert.guess import PoseRole, RangeRole, kind_of
 
 Pose = tuple[float, float, float, float, float, float, float]
 """x y z (in the unit of the message), qx qy qz qw."""
+
+LONGEST_RANGE = 300.0
+"""m: numbers of which most are larger are millimetres."""
 
 
 class PoseReader:
@@ -76,6 +79,15 @@ class RangeReader:
             own = {name: of[k] if isinstance(of, list) and k < len(of) else of for name, of in optional.items()}
             found.append(ReadRange(distance, _item(a, k, ""), _item(b, k, self._indexed), own))
         return found
+
+
+def likely_unit(role: RangeRole, distances: Sequence[float]) -> tuple[str, str]:
+    """The unit of distances of which nothing is said, and why: integers are mm, and so is what is too far for m."""
+    known = np.abs(np.array(distances, dtype=float))
+    known = known[np.isfinite(known)]
+    is_integer = kind_of(role.topic, role.value) == "integer"
+    unit = "mm" if is_integer or (len(known) and np.median(known) > LONGEST_RANGE) else "m"
+    return unit, "integers" if is_integer else f"{np.median(known):.6g} in the median" if len(known) else "none"
 
 
 def _end(end: str) -> Callable[[Any], Any]:

@@ -1,0 +1,60 @@
+"""Whose radios ranges are between, and which antennas."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection
+
+from synchronizar.convert.asked import Asked
+from synchronizar.convert.mapping import Mapped
+from synchronizar.convert.radios import carriers
+from synchronizar.live import messages as m
+from synchronizar.ros.listening import HeardRange, RangeTopic
+
+
+class Ends:
+    """Of the topics of one rosbridge."""
+
+    def __init__(self, asked: Asked, said: Mapped) -> None:
+        self.unknown: Counter[str] = Counter()
+        """Ranges that were left out, by the radio of which nobody knows whose it is."""
+        self._asked, self._said = asked, said
+        self._renamed = dict(asked.renamed)
+        self._carriers: dict[str, str] = {}
+        self._known: tuple[int, frozenset[str]] = (0, frozenset())
+
+    def measured(
+        self, heard: HeardRange, t: float, topics: Collection[RangeTopic], here: Collection[str]
+    ) -> m.MeasuredRange | None:
+        """The range as a room takes it, at `t`; None where an end is of nobody. `here`: devices of the room."""
+        self._look(topics, here)
+        found = []
+        for radio, antenna in ((heard.a, heard.optional.get("antenna_a")), (heard.b, heard.optional.get("antenna_b"))):
+            device, own = self._end(radio)
+            if device not in here:
+                self.unknown[radio] += 1
+                return None
+            found.append((device, own or antenna))
+        (a, antenna_a), (b, antenna_b) = found
+        if a == b:
+            return None
+        optional = {name: value for name, value in heard.optional.items() if not name.startswith("antenna")}
+        return m.MeasuredRange(t, a, b, heard.distance, antenna_a=antenna_a, antenna_b=antenna_b, **optional)
+
+    def _end(self, radio: str) -> tuple[str, str]:
+        """Device and antenna."""
+        if (said := self._said.radios.get(radio)) is not None:
+            return said.user, said.antenna
+        if radio in self._renamed:
+            return self._renamed[radio], ""
+        return self._carriers.get(radio, radio), ""
+
+    def _look(self, topics: Collection[RangeTopic], here: Collection[str]) -> None:
+        """By names and numbers, whenever there are more radios or devices."""
+        known = sum(len(topic.a) + len(topic.b) for topic in topics), frozenset(here)
+        if known == self._known:
+            return
+        self._known = known
+        said = {*self._said.radios, *self._renamed}
+        taken = {*(radio.user for radio in self._said.radios.values()), *self._renamed.values()}
+        self._carriers = carriers(list(topics), here, said, taken)

@@ -1,0 +1,52 @@
+"""A robot's stamps by the bridge's clock: whatever clock its own computer has, or a simulation."""
+
+from __future__ import annotations
+
+from math import isfinite, nan
+
+from synchronizar.live.device_clock import DeviceClock
+
+BACK_S = 1.0
+"""s: stamps that go back further are of a bag or a simulation that begins again, not of messages out of order."""
+SAME_CLOCK_S = 1.0
+"""s: a range's stamp that lies further from the poses' is by another clock, and when it came counts."""
+
+
+class RobotClock:
+    """Of one robot: by its poses' stamps and when they came."""
+
+    def __init__(self, simulated: bool) -> None:
+        """`simulated`: stamps are the time, whatever the bridge's clock has."""
+        self.newest = nan
+        """s: its newest stamp, or when its newest pose came where it has none."""
+        self._ahead = 0.0
+        self._simulated = simulated
+        self._clock = DeviceClock()
+
+    def goes_back(self, stamp: float) -> bool:
+        """Whether its time begins again with this stamp: what was known of its clock is forgotten then."""
+        if not (isfinite(stamp) and stamp < self.newest - BACK_S):
+            return False
+        self._clock, self.newest = DeviceClock(), nan
+        return True
+
+    def of_pose(self, stamp: float, arrived: float) -> float:
+        """s: when a pose was, by the bridge's clock, at which it `arrived`; NaN stands for no stamp."""
+        own = stamp if isfinite(stamp) else arrived
+        if not own <= self.newest:
+            self.newest, self._ahead = own, own - arrived
+        if self._simulated or not isfinite(stamp):
+            return own
+        return self._clock.hear(stamp, arrived)
+
+    def of_range(self, stamp: float, arrived: float) -> float:
+        """s: when a range was, by the same clock; NaN where that is a simulation's and not known yet."""
+        if self._simulated and not isfinite(self.newest):
+            return nan
+        if not isfinite(stamp) or abs(stamp - arrived - self._ahead) > SAME_CLOCK_S:
+            return arrived + self._ahead if self._simulated else arrived
+        return stamp if self._simulated else self._clock.convert(stamp)
+
+    def ros_time(self, now: float) -> float:
+        """By the robot's own clock (s), `now` by the bridge's: no later than its newest stamp in a simulation."""
+        return self.newest if self._simulated else now + self._ahead
