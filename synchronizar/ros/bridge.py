@@ -6,7 +6,6 @@ import asyncio
 import sys
 import time
 from collections.abc import Callable, Coroutine, Sequence
-from contextlib import suppress
 from math import inf, isfinite
 from typing import Any, NoReturn
 
@@ -19,7 +18,7 @@ from synchronizar.ros import outgoing
 from synchronizar.ros.link import Link, Sampled
 from synchronizar.ros.listening import OWN, HeardPose, HeardRange
 from synchronizar.ros.options import BridgeOptions, RobotSettings
-from synchronizar.ros.robot import OUT_EVERY_S, TF_AHEAD_S, Robot
+from synchronizar.ros.robot import OUT_EVERY_S, STAMPS_BACK, TF_AHEAD_S, Robot
 from synchronizar.ros.room_link import RoomLink
 
 DIAGNOSED_EVERY_S = 1.0
@@ -73,9 +72,12 @@ class Bridge:
 
     async def _hear_pose(self, link: Link, heard: HeardPose) -> None:
         robot = self._robot(link, heard)
-        t, is_new = robot.hear(heard)
-        if is_new:
-            await self._begin_anew(link, robot)
+        t, begins = robot.hear(heard)
+        if begins is not None:
+            await self._begin_anew(link, robot, begins)
+        if not isfinite(t):
+            link.listening.malformed[robot.name] += 1  # a simulation's pose that does not say when it was
+            return
         if not self.room.speaks_for(robot.name):
             if robot.name not in self.room.refused and robot.told is None:
                 robot.waiting.append((t, heard))
@@ -93,12 +95,12 @@ class Bridge:
             await link.publish(topic, outgoing.TF, of)
             await link.publish(f"{OWN}{outgoing.ros_name(robot.name)}/pose", outgoing.POSE, now.pose)
 
-    async def _begin_anew(self, link: Link, robot: Robot) -> None:
-        if self._options.simulated and robot.clock.newest != robot.clock.newest:
+    async def _begin_anew(self, link: Link, robot: Robot, why: str) -> None:
+        if self._options.simulated and why == STAMPS_BACK:
             raise InputError(
-                link.address, f"{robot.name}'s stamps went back: a simulation that begins anew needs a room of its own"
+                link.address, f"{robot.name}: {why}; a simulation that begins anew needs a room of its own"
             )
-        self._told(f"{robot.name}: its odometry began anew, in frame {robot.frame_id or 'without a name'}")
+        self._told(f"{robot.name}: {why}: its odometry began anew")
         if self.room.speaks_for(robot.name):
             robot.number = (robot.number + 1) % 256
             await self.room.say(lambda client: client.new_frame(robot.name))
@@ -248,10 +250,11 @@ async def _all_of(work: Sequence[Coroutine[Any, Any, None]]) -> NoReturn:
     """All at once; the first one that fails ends the others."""
     tasks = [asyncio.create_task(one) for one in work]
     try:
-        await asyncio.gather(*tasks)
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
     finally:
         for task in tasks:
             task.cancel()
-        with suppress(asyncio.CancelledError):
-            await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
     raise AssertionError("they have no end")

@@ -21,6 +21,8 @@ TF_AHEAD_S = 0.2
 SILENT_S = 2.0
 """s without a pose after which a robot's track counts as silent."""
 
+STAMPS_BACK = "stamps went back"
+
 
 class Placed(NamedTuple):
     """Where a robot is, for ROS."""
@@ -52,17 +54,18 @@ class Robot:
         self._out_at = -inf
         self._own_from_ros = own_from_ros
 
-    def hear(self, heard: HeardPose) -> tuple[float, bool]:
-        """When a pose was by the bridge's clock (s), and whether it is of another frame than the one before.
+    def hear(self, heard: HeardPose) -> tuple[float, str | None]:
+        """When a pose was by the bridge's clock (s; NaN: nobody knows), and why it is of another frame than before.
 
-        A frame of another name is another one, and so is that of stamps that begin again.
+        A frame of another name is another one, and so is that of stamps that begin again. None: it is the same.
         """
-        again = self.clock.goes_back(heard.stamp)
-        is_new = again or (self._newest is not None and heard.frame_id != self.frame_id)
-        if is_new:
+        begins = STAMPS_BACK if self.clock.goes_back(heard.stamp) else None
+        if begins is None and self._newest is not None and heard.frame_id != self.frame_id:
+            begins = f"poses are in frame {heard.frame_id!r}, no longer in {self.frame_id!r}"
+        if begins is not None:
             self._out_at = -inf
         self._newest, self.frame_id = heard, heard.frame_id
-        return self.clock.of_pose(heard.stamp, heard.arrived), is_new
+        return self.clock.of_pose(heard.stamp, heard.arrived), begins
 
     def silent_for(self, now: float) -> float:
         """How long (s) no pose has come; infinite before the first."""

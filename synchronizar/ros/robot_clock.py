@@ -18,29 +18,31 @@ class RobotClock:
     def __init__(self, simulated: bool) -> None:
         """`simulated`: stamps are the time, whatever the bridge's clock has."""
         self.newest = nan
-        """s: its newest stamp, or when its newest pose came where it has none."""
+        """s: its newest stamp; NaN before the first."""
         self._ahead = 0.0
         self._simulated = simulated
         self._clock = DeviceClock()
 
     def goes_back(self, stamp: float) -> bool:
         """Whether its time begins again with this stamp: what was known of its clock is forgotten then."""
-        if not (isfinite(stamp) and stamp < self.newest - BACK_S):
+        if not stamp < self.newest - BACK_S:
             return False
         self._clock, self.newest = DeviceClock(), nan
         return True
 
     def of_pose(self, stamp: float, arrived: float) -> float:
-        """s: when a pose was, by the bridge's clock, at which it `arrived`; NaN stands for no stamp."""
-        own = stamp if isfinite(stamp) else arrived
-        if not own <= self.newest:
-            self.newest, self._ahead = own, own - arrived
-        if self._simulated or not isfinite(stamp):
-            return own
-        return self._clock.hear(stamp, arrived)
+        """When a pose was by the bridge's clock, at which it `arrived` (s); its stamp is NaN where it has none.
+
+        NaN where that is a simulation's, whose time nothing but stamps tells.
+        """
+        if not isfinite(stamp):
+            return nan if self._simulated else arrived
+        if not stamp <= self.newest:
+            self.newest, self._ahead = stamp, stamp - arrived
+        return stamp if self._simulated else self._clock.hear(stamp, arrived)
 
     def of_range(self, stamp: float, arrived: float) -> float:
-        """s: when a range was, by the same clock; NaN where that is a simulation's and not known yet."""
+        """When a range was, by the same clock (s); NaN where that is a simulation's and not known yet."""
         if self._simulated and not isfinite(self.newest):
             return nan
         if not isfinite(stamp) or abs(stamp - arrived - self._ahead) > SAME_CLOCK_S:
