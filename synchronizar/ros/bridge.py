@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Coroutine, Sequence
 from math import inf, isfinite
 from typing import Any, NoReturn
@@ -27,6 +28,8 @@ _LATE_S = 0.2
 _TICK_S = 0.1
 _MOST_WAITING = 2000
 """Poses of a robot that wait until the room knows of it."""
+RANGES_WAIT_S = 5.0
+"""s for which a range waits for its ends to come into the room."""
 
 
 def print_told(sentence: str) -> None:
@@ -51,8 +54,9 @@ class Bridge:
         self._home: dict[str, Link] = {}
         of = " ".join(sorted(address for _, address in options.bridges))
         self.room = RoomLink(options.join, of, options.simulated, clock, told)
+        self._news = 0
+        """Rises when a robot is in the room for the first time."""
         self._t, self._room_t, self._others_at = -inf, -inf, -inf
-        self._unknown_told: set[str] = set()
 
     async def run(self) -> None:
         """Without end. Raises InputError where a rosbridge or the room cannot be reached at first."""
@@ -84,6 +88,7 @@ class Bridge:
                 del robot.waiting[:-_MOST_WAITING]
             return
         waiting, robot.waiting = robot.waiting, []
+        self._news += bool(waiting)
         poses = [(robot.name, at, one.position, one.quat_xyzw) for at, one in (*waiting, (t, heard))]
         for begin in range(0, len(poses), 128):
             await self.room.say(lambda client, some=poses[begin : begin + 128]: client.send_poses(some))  # type: ignore[misc]
@@ -106,20 +111,43 @@ class Bridge:
             await self.room.say(lambda client: client.new_frame(robot.name))
 
     async def _hear_range(self, link: Link, heard: HeardRange) -> None:
+        """Ranges wait for a while where their ends are not in the room yet: robots are known later than they range."""
         client = self.room.client
-        if client is None:
-            return
-        measured = link.ends.measured(heard, heard.arrived, link.listening.ranges.values(), client.members.keys())
+        here = frozenset() if client is None else frozenset(client.members)
+        known = here, self._news
+        if known != link.held_for:
+            link.held_for = known
+            waiting, link.held = link.held, deque()
+            for one in waiting:
+                if not await self._say_range(link, one, here):
+                    link.held.append(one)
+        if not await self._say_range(link, heard, here):
+            link.held.append(heard)
+        while link.held and link.held[0].arrived < heard.arrived - RANGES_WAIT_S:
+            self._leave_out(link, link.held.popleft(), here)
+
+    async def _say_range(self, link: Link, heard: HeardRange, here: frozenset[str]) -> bool:
+        measured = link.ends.measured(heard, heard.arrived, link.listening.ranges.values(), here)
         if measured is None:
-            self._tell_unknown(link)
-            return
-        own = [name for name in (measured.a, measured.b) if name in self.robots]
-        reporter = next((name for name in own if self._home[name] is link), own[0] if own else None)
-        if reporter is None or not self.room.speaks_for(reporter):
-            return
+            return False
+        own = [name for name in (measured.a, measured.b) if name in self.robots and self.room.speaks_for(name)]
+        if not own or self.robots[own[0]].waiting:
+            return False
+        reporter = next((name for name in own if self._home[name] is link), own[0])
         measured.t = self.robots[reporter].clock.of_range(heard.stamp, heard.arrived)
         if isfinite(measured.t):
             await self.room.say(lambda client: client.send_ranges([measured]))
+        return True
+
+    def _leave_out(self, link: Link, heard: HeardRange, here: frozenset[str]) -> None:
+        """A range that nobody in the room can have measured; whose radios are not known, is said once."""
+        for name in link.ends.unknown(heard, here) if here else ():
+            link.unknown[name] += 1
+            if link.unknown[name] == 1:
+                self._told(
+                    f"{link.address}: ranges of {name}, of whom nobody in the room is known: a map's [radios.{name}]"
+                    f" says whose it is, --static {name} that it stands still"
+                )
 
     def _robot(self, link: Link, heard: HeardPose) -> Robot:
         name = heard.user
@@ -214,7 +242,7 @@ class Bridge:
 
     def _status(self, link: Link, client: Client | None) -> dict[str, Any]:
         """Of the bridge itself."""
-        unknown = ", ".join(f"{name} ({n})" for name, n in sorted(link.ends.unknown.items())) or None
+        unknown = ", ".join(f"{name} ({n})" for name, n in sorted(link.unknown.items())) or None
         malformed = sum(link.listening.malformed.values()) or None
         refused = "; ".join(client.refused.values()) if client is not None and client.refused else None
         values = {"robots": len(self._others_on(link)), "ranges of unknown radios": unknown}
@@ -226,14 +254,6 @@ class Bridge:
         else:
             level, message = outgoing.OK, "connected"
         return outgoing.status("bridge", level, message, values)
-
-    def _tell_unknown(self, link: Link) -> None:
-        for name in link.ends.unknown.keys() - self._unknown_told:
-            self._unknown_told.add(name)
-            self._told(
-                f"{link.address}: ranges of {name}, of whom nobody in the room is known: a map's [radios.{name}] says"
-                f" whose it is, --static {name} that it stands still"
-            )
 
 
 async def list_topics(options: BridgeOptions, seconds: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection
 
 from synchronizar.convert.asked import Asked
@@ -16,8 +15,6 @@ class Ends:
     """Of the topics of one rosbridge."""
 
     def __init__(self, asked: Asked, said: Mapped) -> None:
-        self.unknown: Counter[str] = Counter()
-        """Ranges that were left out, by the radio of which nobody knows whose it is."""
         self._asked, self._said = asked, said
         self._renamed = dict(asked.renamed)
         self._carriers: dict[str, str] = {}
@@ -28,18 +25,17 @@ class Ends:
     ) -> m.MeasuredRange | None:
         """The range as a room takes it, at `t`; None where an end is of nobody. `here`: devices of the room."""
         self._look(topics, here)
-        found = []
-        for radio, antenna in ((heard.a, heard.optional.get("antenna_a")), (heard.b, heard.optional.get("antenna_b"))):
-            device, own = self._end(radio)
-            if device not in here:
-                self.unknown[radio] += 1
-                return None
-            found.append((device, own or antenna))
-        (a, antenna_a), (b, antenna_b) = found
-        if a == b:
+        (a, antenna_a), (b, antenna_b) = self._end(heard.a), self._end(heard.b)
+        if a == b or not {a, b} <= set(here):
             return None
-        optional = {name: value for name, value in heard.optional.items() if not name.startswith("antenna")}
-        return m.MeasuredRange(t, a, b, heard.distance, antenna_a=antenna_a, antenna_b=antenna_b, **optional)
+        optional = dict(heard.optional)
+        antennas = {"antenna_a": antenna_a or None, "antenna_b": antenna_b or None}
+        optional |= {name: own for name, own in antennas.items() if own is not None}
+        return m.MeasuredRange(t, a, b, heard.distance, **optional)
+
+    def unknown(self, heard: HeardRange, here: Collection[str]) -> list[str]:
+        """Which of its radios nobody in the room carries."""
+        return [radio for radio in (heard.a, heard.b) if self._end(radio)[0] not in here]
 
     def _end(self, radio: str) -> tuple[str, str]:
         """Device and antenna."""

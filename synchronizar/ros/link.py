@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -56,6 +56,11 @@ class Link:
         asked = options.asked if name is None else replace(options.asked, user=name)
         self.listening = Listening(asked, options.said, address, options.common, told)
         self.ends = Ends(asked, options.said)
+        self.held: deque[HeardRange] = deque()
+        """Ranges whose ends are not in the room, of which `held_for` was known when all of them were looked at last."""
+        self.held_for: tuple[frozenset[str], int] = frozenset(), 0
+        self.unknown: Counter[str] = Counter()
+        """Ranges that were left out, by the radio of which nobody knows whose it is."""
         self._told, self._clock = told, clock
         self._rosbridge: Rosbridge | None = None
         self._missing: set[str] = set()

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from aiohttp import WSMsgType, web
+
 from support.bags import store_with
 
 RANGING = "uwb_msgs/msg/RangeStamped"
@@ -154,7 +155,7 @@ class StandIn:
             length = -1
             if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
                 length = of[1] if node is Nodetype.ARRAY else 0
-                node, of = of[0]  # noqa: PLW2901
+                node, of = of[0]
             found.append((name, of[0] if node is Nodetype.BASE else of, length))
         return found
 
