@@ -27,6 +27,8 @@ _MOST_WAITING = 2000
 """Messages of a topic that wait until it is known whose they are."""
 _UNIT_OF = 20
 """Distances by which the unit is judged where nothing says it."""
+_NONSENSE = (KeyError, TypeError, ValueError, AttributeError, IndexError)
+"""What reading a message raises that is not what its topic has."""
 
 
 class HeardPose(NamedTuple):
@@ -54,6 +56,9 @@ class HeardRange(NamedTuple):
     b: str
     distance: float
     optional: dict[str, Any]
+
+
+Heard = HeardPose | HeardRange
 
 
 class Wanted(NamedTuple):
@@ -136,20 +141,19 @@ class Listening:
         """Robots, and the topic or frame of each one's track."""
         return dict(self._users)
 
-    def hear(self, topic: str, arrived: float, message: Any) -> Iterator[HeardPose | HeardRange]:
+    def hear(self, topic: str, arrived: float, message: Any) -> Iterator[Heard]:
         """A message that came at `arrived` (s). What makes no sense is counted."""
         try:
             yield from self._heard(topic, arrived, message)
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError):
+        except _NONSENSE:
             self.malformed[topic] += 1
 
-    def _heard(self, topic: str, arrived: float, message: Any) -> Iterator[HeardPose | HeardRange]:
+    def _heard(self, topic: str, arrived: float, message: Any) -> Iterator[Heard]:
         if topic not in self._firsts:
             self._firsts[topic] = message
             self._look_again()
-        if (track := self._tracks.get(topic)) is not None:
-            user, reader = track
-            yield self._pose(user, reader.stamp(message), arrived, _frame_id(message), reader.pose(message))
+        if topic in self._tracks:
+            yield from self._of_track(topic, arrived, message)
         elif (read := self.ranges.get(topic)) is not None:
             yield from self._ranges(topic, read, arrived, message)
         elif topic in self._tf_topics:
@@ -210,7 +214,14 @@ class Listening:
             self._users[user], self._tracks[name] = name, (user, reader)
             self._told(f"{self._place}: {name} is {user}'s track")
             for arrived, message in waited:
-                yield self._pose(user, reader.stamp(message), arrived, _frame_id(message), reader.pose(message))
+                yield from self._of_track(name, arrived, message)
+
+    def _of_track(self, topic: str, arrived: float, message: Any) -> Iterator[HeardPose]:
+        user, reader = self._tracks[topic]
+        try:
+            yield self._pose(user, reader.stamp(message), arrived, _frame_id(message), reader.pose(message))
+        except _NONSENSE:
+            self.malformed[topic] += 1
 
     def _user(self, role: PoseRole) -> str:
         said = self._said.topics.get(role.topic.name, {}).get("user")

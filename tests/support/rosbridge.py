@@ -139,7 +139,7 @@ class StandIn:
             names = list(self.topics)
             answer |= {"result": True, "values": {"topics": names, "types": [self.topics[name] for name in names]}}
         elif said["service"] == "/rosapi/message_details":
-            answer |= {"result": True, "values": {"typedefs": self._typedefs(_full(said["args"]["type"]), [])}}
+            answer |= {"result": True, "values": {"typedefs": self.typedefs(_full(said["args"]["type"]))}}
         await self.send(caller, json.dumps(answer))
 
     async def _complain(self, caller: Caller, level: str, text: str) -> None:
@@ -158,6 +158,10 @@ class StandIn:
                 node, of = of[0]
             found.append((name, of[0] if node is Nodetype.BASE else of, length))
         return found
+
+    def typedefs(self, kind: str) -> list[dict[str, Any]]:
+        """What rosapi says of a type and of all in it."""
+        return self._typedefs(kind, [])
 
     def _typedefs(self, kind: str, seen: list[str]) -> list[dict[str, Any]]:
         """As rosapi has them: short names, IDL's names of numbers, times as types of their own."""
