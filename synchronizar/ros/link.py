@@ -103,7 +103,7 @@ class Link:
             return robot.settings.frame, topic
         frame = robot.frame_id or f"{robot.name}/odom"
         alike = [r for r in here if r.frame_id == robot.frame_id and self._tf_topic(r) == topic]
-        return (frame if len(alike) == 1 else f"{robot.name}/{frame}"), topic
+        return (f"{robot.name}/{frame}" if len(alike) > 1 and robot.frame_id else frame), topic
 
     async def sample(self, seconds: float) -> Sampled:
         """What comes in so many seconds. Raises InputError where nobody answers."""
