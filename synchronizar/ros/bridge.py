@@ -77,11 +77,11 @@ class Bridge:
     async def _hear_pose(self, link: Link, heard: HeardPose) -> None:
         robot = self._robot(link, heard)
         t, begins = robot.hear(heard)
+        if not isfinite(t):
+            link.listening.malformed[robot.name] += 1  # nobody knows when it was
+            return
         if begins is not None:
             await self._begin_anew(link, robot, begins)
-        if not isfinite(t):
-            link.listening.malformed[robot.name] += 1  # a simulation's pose that does not say when it was
-            return
         if not self.room.speaks_for(robot.name):
             if robot.name not in self.room.refused and robot.told is None:
                 robot.waiting.append((t, heard))

@@ -64,6 +64,7 @@ class Link:
         self._told, self._clock = told, clock
         self._rosbridge: Rosbridge | None = None
         self._missing: set[str] = set()
+        self._has_rosapi = False
 
     async def run(self, hear: Callable[[HeardPose | HeardRange], Awaitable[None]]) -> None:
         """Without end. Raises InputError where nobody answers at first, or a topic is not what was said."""
@@ -156,7 +157,8 @@ class Link:
         """Subscribe to what there is, and again to what comes."""
         rosapi = Rosapi(rosbridge)
         while True:
-            for wanted in self.listening.learn(await self._topics(rosapi)):
+            topics = await self._topics(rosapi)
+            for wanted in self.listening.learn(topics):
                 await rosbridge.subscribe(wanted.topic, wanted.kind, POSES_EVERY_MS if wanted.is_track else 0)
             for name in set(self.listening.missing()) - self._missing:
                 self._missing.add(name)
@@ -164,17 +166,20 @@ class Link:
             await asyncio.sleep(LOOKED_EVERY_S)
 
     async def _topics(self, rosapi: Rosapi) -> list[Topic]:
-        """Raises InputError where rosapi has not begun."""
+        """Raises InputError where rosapi has never begun; one that was there is waited for."""
         waited = 0.0
         while True:
             try:
-                return await rosapi.topics()
+                topics = await rosapi.topics()
             except ServiceError as error:
-                if waited >= ROSAPI_WITHIN_S:
+                if waited >= ROSAPI_WITHIN_S and not self._has_rosapi:
                     raise InputError(
                         self.address,
                         f"rosbridge answers, but rosapi does not ({error}): rosapi_node has to run beside it",
                     ) from error
+            else:
+                self._has_rosapi = True
+                return topics
             await asyncio.sleep(AGAIN_S)
             waited += AGAIN_S
 

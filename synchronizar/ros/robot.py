@@ -60,12 +60,15 @@ class Robot:
         A frame of another name is another one, and so is that of stamps that begin again. None: it is the same.
         """
         begins = STAMPS_BACK if self.clock.goes_back(heard.stamp) else None
+        t = self.clock.of_pose(heard.stamp, heard.arrived)
+        if not isfinite(t):
+            return t, None
         if begins is None and self._newest is not None and heard.frame_id != self.frame_id:
             begins = f"poses are in frame {heard.frame_id!r}, no longer in {self.frame_id!r}"
         if begins is not None:
             self._out_at = -inf
         self._newest, self.frame_id = heard, heard.frame_id
-        return self.clock.of_pose(heard.stamp, heard.arrived), begins
+        return t, begins
 
     def silent_for(self, now: float) -> float:
         """How long (s) no pose has come; infinite before the first."""

@@ -7,7 +7,9 @@ from math import isfinite, nan
 from synchronizar.live.device_clock import DeviceClock
 
 BACK_S = 1.0
-"""s: stamps that go back further are of a bag or a simulation that begins again, not of messages out of order."""
+"""s: stamps that lie further back are of a bag or a simulation that begins again, not of messages out of order."""
+BACK_POSES = 5
+"""So many of them in a row: a single one is a mistake."""
 SAME_CLOCK_S = 1.0
 """s: a range's stamp that lies further from the poses' is by another clock, and when it came counts."""
 
@@ -20,26 +22,33 @@ class RobotClock:
         self.newest = nan
         """s: its newest stamp; NaN before the first."""
         self._ahead = 0.0
+        self._back = 0
         self._simulated = simulated
         self._clock = DeviceClock()
 
     def goes_back(self, stamp: float) -> bool:
         """Whether its time begins again with this stamp: what was known of its clock is forgotten then."""
-        if not stamp < self.newest - BACK_S:
+        self._back = self._back + 1 if stamp < self.newest - BACK_S else 0
+        if self._back < BACK_POSES:
             return False
-        self._clock, self.newest = DeviceClock(), nan
+        self._clock, self.newest, self._back = DeviceClock(), nan, 0
         return True
 
     def of_pose(self, stamp: float, arrived: float) -> float:
         """When a pose was by the bridge's clock, at which it `arrived` (s); its stamp is NaN where it has none.
 
-        NaN where that is a simulation's, whose time nothing but stamps tells.
+        NaN where nobody knows: in a simulation, whose time nothing but stamps tells, and for stamps far astray.
         """
         if not isfinite(stamp):
             return nan if self._simulated else arrived
+        if self._back:
+            return nan
+        t = stamp if self._simulated else self._clock.hear(stamp, arrived)
+        if not self._simulated and t > arrived + BACK_S:
+            return nan
         if not stamp <= self.newest:
             self.newest, self._ahead = stamp, stamp - arrived
-        return stamp if self._simulated else self._clock.hear(stamp, arrived)
+        return t
 
     def of_range(self, stamp: float, arrived: float) -> float:
         """When a range was, by the same clock (s); NaN where that is a simulation's and not known yet."""

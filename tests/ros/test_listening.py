@@ -237,7 +237,26 @@ def test_a_robot_s_clock_is_brought_to_the_bridge_s_and_ranges_with_it() -> None
     assert clock.of_range(nan, t + 0.03) == t + 0.03
     assert clock.ros_time(t) == pytest.approx(t + offset, abs=0.06)
     assert not clock.goes_back(t + offset - 0.5)  # out of order
-    assert clock.goes_back(t + offset - 5.0)
+
+
+def test_a_stamp_that_is_astray_is_left_out_and_a_bag_that_begins_again_is_noticed() -> None:
+    clock = RobotClock(simulated=False)
+
+    def heard(stamp: float, arrived: float) -> tuple[bool, float]:
+        return clock.goes_back(stamp), clock.of_pose(stamp, arrived)
+
+    for k in range(100):
+        assert heard(50.0 + 0.05 * k, 1000.0 + 0.05 * k) == (False, pytest.approx(1000.0 + 0.05 * k))
+    for astray in (80.0, 20.0):
+        back, t = heard(astray, 1005.0)
+        assert not back
+        assert t != t
+        assert heard(55.0, 1005.01) == (False, pytest.approx(1005.0, abs=0.02))
+    stalled = [heard(55.0 + 0.05 * k, 1008.0) for k in range(1, 50)]  # three seconds late, all at once
+    assert [t for _, t in stalled] == pytest.approx([1005.0 + 0.05 * k for k in range(1, 50)], abs=0.02)
+    again = [heard(50.0 + 0.05 * k, 1010.0 + 0.05 * k) for k in range(8)]
+    assert [back for back, _ in again] == [False] * 4 + [True] + [False] * 3
+    assert [t for _, t in again[4:]] == pytest.approx([1010.2, 1010.25, 1010.3, 1010.35])
 
 
 def test_in_a_simulation_stamps_are_the_time() -> None:
