@@ -29,7 +29,7 @@ ALLOWED = {
     "reporting": ("io", "estimation"),
     "live": ("io", "estimation"),
     "ros": ("live", "convert"),
-    "apps": ("live",),
+    "apps": ("ros",),
     "cli": ("reporting", "simulation", "ros"),
     "face": ("cli",),
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Coroutine, Sequence
@@ -21,6 +20,7 @@ from synchronizar.ros.listening import OWN, HeardPose, HeardRange
 from synchronizar.ros.options import BridgeOptions, RobotSettings
 from synchronizar.ros.robot import OUT_EVERY_S, STAMPS_BACK, TF_AHEAD_S, Robot
 from synchronizar.ros.room_link import RoomLink
+from synchronizar.ros.rosbridge import print_told
 
 DIAGNOSED_EVERY_S = 1.0
 _LATE_S = 0.2
@@ -30,11 +30,6 @@ _MOST_WAITING = 2000
 """Poses of a robot that wait until the room knows of it."""
 RANGES_WAIT_S = 5.0
 """s for which a range waits for its ends to come into the room."""
-
-
-def print_told(sentence: str) -> None:
-    """To standard error."""
-    print(f"synchronizar: {sentence}", file=sys.stderr, flush=True)
 
 
 class Bridge:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any
@@ -14,6 +15,11 @@ from synchronizar.errors import InputError
 
 _HEARTBEAT_S = 5.0
 _ANSWERED_WITHIN_S = 5.0
+
+
+def print_told(sentence: str) -> None:
+    """To standard error."""
+    print(f"synchronizar: {sentence}", file=sys.stderr, flush=True)
 
 
 class ServiceError(Exception):
@@ -34,12 +40,12 @@ class Rosbridge:
         self.malformed: Counter[str] = Counter()
         """What came and was left alone, by what it was."""
         self._session, self._socket, self._told = session, socket, told
-        self._advertised: dict[str, str] = {}
+        self._advertised: set[str] = set()
         self._calls: dict[str, asyncio.Future[Any]] = {}
         self._called = 0
 
     @classmethod
-    async def connect(cls, address: str, told: Callable[[str], None]) -> Rosbridge:
+    async def connect(cls, address: str, told: Callable[[str], None] = print_told) -> Rosbridge:
         """`address`: ws://robot:9090. `told` hears what rosbridge complains of.
 
         Raises InputError where nobody answers there.
@@ -70,11 +76,15 @@ class Rosbridge:
         """Nothing more of it."""
         await self._say({"op": "unsubscribe", "id": topic, "topic": topic})
 
+    async def advertise(self, topic: str, kind: str) -> None:
+        """Something will be said there: who hears of it early misses nothing."""
+        if topic not in self._advertised:
+            self._advertised.add(topic)
+            await self._say({"op": "advertise", "id": topic, "topic": topic, "type": kind})
+
     async def publish(self, topic: str, kind: str, message: Mapping[str, Any]) -> None:
         """Say a message; the topic is advertised before the first one."""
-        if topic not in self._advertised:
-            self._advertised[topic] = kind
-            await self._say({"op": "advertise", "id": topic, "topic": topic, "type": kind})
+        await self.advertise(topic, kind)
         await self._say({"op": "publish", "topic": topic, "msg": message})
 
     async def call(self, service: str, arguments: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
