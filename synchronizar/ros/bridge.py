@@ -9,6 +9,8 @@ from collections.abc import Callable, Coroutine, Sequence
 from math import inf, isfinite
 from typing import Any, NoReturn
 
+import msgspec
+
 from synchronizar.convert.messages import listing
 from synchronizar.errors import InputError
 from synchronizar.live import messages as m
@@ -23,6 +25,8 @@ from synchronizar.ros.room_link import RoomLink
 from synchronizar.ros.rosbridge import print_told
 
 DIAGNOSED_EVERY_S = 1.0
+FRAMES_HOLD_S = 3.0
+"""s after which what the room said of frames, which it says twice a second, is not relied on any more."""
 _LATE_S = 0.2
 """s, by a simulation's stamps: so long a message may be under way before the room goes on without it."""
 _TICK_S = 0.1
@@ -51,7 +55,7 @@ class Bridge:
         self.room = RoomLink(options.join, of, options.simulated, clock, told)
         self._news = 0
         """Rises when a robot is in the room for the first time."""
-        self._t, self._room_t, self._others_at = -inf, -inf, -inf
+        self._t, self._room_t, self._others_at, self._frames_at = -inf, -inf, -inf, -inf
 
     async def run(self) -> None:
         """Without end. Raises InputError where a rosbridge or the room cannot be reached at first."""
@@ -89,11 +93,15 @@ class Bridge:
             await self.room.say(lambda client, some=poses[begin : begin + 128]: client.send_poses(some))  # type: ignore[misc]
         self._t = max(self._t, t)
         await self._go_on()
-        if (now := robot.due(self._options.common)) is not None:
-            child, topic = link.frame_of(robot, self._others_on(link))
+        if self._room_is_heard() and (now := robot.due(self._options.common)) is not None:
+            child, topic = link.frame_of(robot, self._robots_of(link))
             of = outgoing.transform(now.stamp + TF_AHEAD_S, self._options.common, child, now.translation, now.quat_xyzw)
             await link.publish(topic, outgoing.TF, of)
             await link.publish(f"{OWN}{outgoing.ros_name(robot.name)}/pose", outgoing.POSE, now.pose)
+
+    def _room_is_heard(self) -> bool:
+        """Whether what it said last of frames can be relied on; a simulation's room says nothing while that stands."""
+        return self._options.simulated or self._clock() - self._frames_at <= FRAMES_HOLD_S
 
     async def _begin_anew(self, link: Link, robot: Robot, why: str) -> None:
         if self._options.simulated and why == STAMPS_BACK:
@@ -107,6 +115,8 @@ class Bridge:
 
     async def _hear_range(self, link: Link, heard: HeardRange) -> None:
         """Ranges wait for a while where their ends are not in the room yet: robots are known later than they range."""
+        if {heard.a, heard.b} & set(self._options.asked.left_out):
+            return
         client = self.room.client
         here = frozenset() if client is None else frozenset(client.members)
         known = here, self._news
@@ -122,16 +132,17 @@ class Bridge:
             self._leave_out(link, link.held.popleft(), here)
 
     async def _say_range(self, link: Link, heard: HeardRange, here: frozenset[str]) -> bool:
-        measured = link.ends.measured(heard, heard.arrived, link.listening.ranges.values(), here)
+        measured = link.ends.measured(heard, link.listening.ranges.values(), here)
         if measured is None:
             return False
         own = [name for name in (measured.a, measured.b) if name in self.robots and self.room.speaks_for(name)]
         if not own or self.robots[own[0]].waiting:
             return False
         reporter = next((name for name in own if self._home[name] is link), own[0])
-        measured.t = self.robots[reporter].clock.of_range(heard.stamp, heard.arrived)
-        if isfinite(measured.t):
-            await self.room.say(lambda client: client.send_ranges([measured]))
+        t = self.robots[reporter].clock.of_range(heard.stamp, heard.arrived)
+        if isfinite(t):
+            said = msgspec.structs.replace(measured, t=t)
+            await self.room.say(lambda client: client.send_ranges([said]))
         return True
 
     def _leave_out(self, link: Link, heard: HeardRange, here: frozenset[str]) -> None:
@@ -158,7 +169,7 @@ class Bridge:
         self.room.add(name, {"up": heard.up, **settings.room})
         return robot
 
-    def _others_on(self, link: Link) -> list[Robot]:
+    def _robots_of(self, link: Link) -> list[Robot]:
         return [robot for name, robot in self.robots.items() if self._home[name] is link]
 
     async def _go_on(self) -> None:
@@ -185,6 +196,7 @@ class Bridge:
             await self._hear_poses(message)
 
     def _hear_frames(self, frames: m.Frames) -> None:
+        self._frames_at = self._clock()
         for name, robot in self.robots.items():
             robot.told = frames.users.get(name, robot.told)
 
@@ -216,8 +228,9 @@ class Bridge:
 
     def _ros_time(self, link: Link) -> float | None:
         """By the clock of a rosbridge's robots (s); None before the first has come."""
-        robots = [robot for robot in self._others_on(link) if isfinite(robot.clock.newest)]
-        return robots[0].clock.ros_time(self._clock()) if robots else None
+        clocks = [robot.clock for robot in self._robots_of(link)]
+        known = [clock for clock in clocks if isfinite(clock.newest)] or ([] if self._options.simulated else clocks)
+        return known[0].ros_time(self._clock()) if known else None
 
     async def _diagnose(self) -> None:
         while True:
@@ -225,10 +238,11 @@ class Bridge:
             await asyncio.sleep(DIAGNOSED_EVERY_S)
 
     async def _publish_diagnostics(self) -> None:
-        client, now = self.room.client, self._clock()
+        now = self._clock()
+        client = self.room.client if self._room_is_heard() else None
         for link in self._links:
             stamp = self._ros_time(link)
-            robots = self._others_on(link)
+            robots = self._robots_of(link)
             statuses = [robot.status(now, client, self.room.refused.get(robot.name)) for robot in robots]
             statuses.append(self._status(link, client))
             await link.publish(
@@ -240,11 +254,11 @@ class Bridge:
         unknown = ", ".join(f"{name} ({n})" for name, n in sorted(link.unknown.items())) or None
         malformed = sum(link.listening.malformed.values()) or None
         refused = "; ".join(client.refused.values()) if client is not None and client.refused else None
-        values = {"robots": len(self._others_on(link)), "ranges of unknown radios": unknown}
+        values = {"robots": len(self._robots_of(link)), "ranges of unknown radios": unknown}
         values |= {"malformed messages": malformed, "refused by the room": refused}
         if client is None:
             level, message = outgoing.ERROR, "the room cannot be reached"
-        elif not self._others_on(link):
+        elif not self._robots_of(link):
             level, message = outgoing.WARN, "no robot's odometry has come yet"
         else:
             level, message = outgoing.OK, "connected"

@@ -21,9 +21,9 @@ class Ends:
         self._known: tuple[int, frozenset[str]] = (0, frozenset())
 
     def measured(
-        self, heard: HeardRange, t: float, topics: Collection[RangeTopic], here: Collection[str]
+        self, heard: HeardRange, topics: Collection[RangeTopic], here: Collection[str]
     ) -> m.MeasuredRange | None:
-        """The range as a room takes it, at `t`; None where an end is of nobody. `here`: devices of the room."""
+        """The range by a room's names and its own stamp; None where an end is of nobody. `here`: the room's devices."""
         self._look(topics, here)
         (a, antenna_a), (b, antenna_b) = self._end(heard.a), self._end(heard.b)
         if a == b or not {a, b} <= set(here):
@@ -31,7 +31,7 @@ class Ends:
         optional = dict(heard.optional)
         antennas = {"antenna_a": antenna_a or None, "antenna_b": antenna_b or None}
         optional |= {name: own for name, own in antennas.items() if own is not None}
-        return m.MeasuredRange(t, a, b, heard.distance, **optional)
+        return m.MeasuredRange(heard.stamp, a, b, heard.distance, **optional)
 
     def unknown(self, heard: HeardRange, here: Collection[str]) -> list[str]:
         """Which of its radios nobody in the room carries."""

@@ -122,7 +122,8 @@ class Listening:
         roles = self._roles()
         wanted = [Wanted(r.topic.name, r.topic.type, True) for r in roles.poses if not r.is_truth]
         wanted += [Wanted(r.topic.name, r.topic.type, False) for r in roles.ranges]
-        wanted += [Wanted(name, self.topics[name].type, False) for name, why in roles.rest.items() if "ranges" in why]
+        unclear = [name for name, why in roles.rest.items() if why.startswith("may have ranges")]
+        wanted += [Wanted(name, self.topics[name].type, False) for name in unclear]
         wanted += self._wanted_tf(roles)
         new = [one for one in wanted if one.topic not in self._done | self._useless]
         self._done |= {one.topic for one in new}

@@ -215,7 +215,7 @@ def test_radios_are_found_by_map_by_name_and_by_number(tmp_path: Path) -> None:
     here = ("robot1", "robot2", "carol")
 
     def measured(a: str, b: str) -> m.MeasuredRange | None:
-        return ends.measured(HeardRange(1.0, 1.0, "/uwb", a, b, 2.0, {}), 7.0, topics, here)
+        return ends.measured(HeardRange(7.0, 1.0, "/uwb", a, b, 2.0, {}), topics, here)
 
     assert measured("tag_1", "tag_2") == m.MeasuredRange(7.0, "robot1", "robot2", 2.0)
     assert measured("robot2", "17") == m.MeasuredRange(7.0, "robot2", "carol", 2.0, antenna_b="left")
