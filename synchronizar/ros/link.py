@@ -157,8 +157,13 @@ class Link:
         """Subscribe to what there is, and again to what comes."""
         rosapi = Rosapi(rosbridge)
         while True:
-            topics = await self._topics(rosapi)
-            for wanted in self.listening.learn(topics):
+            new = self.listening.learn(await self._topics(rosapi))
+            # Rosbridge takes a topic's QoS when it subscribes, and may hear nothing of who publishes later by another.
+            for silent in self.listening.silent():
+                if silent not in new:
+                    await rosbridge.unsubscribe(silent.topic)
+                    new.append(silent)
+            for wanted in new:
                 await rosbridge.subscribe(wanted.topic, wanted.kind, POSES_EVERY_MS if wanted.is_track else 0)
             for name in set(self.listening.missing()) - self._missing:
                 self._missing.add(name)

@@ -111,7 +111,7 @@ class Listening:
         self._tracks: dict[str, tuple[str, PoseReader]] = {}
         self._users: dict[str, str] = {}
         """Who was decided, and by which topic or frame."""
-        self._done, self._useless = set[str](), set[str]()
+        self._done, self._useless = dict[str, Wanted](), set[str]()
         self._tf, self._tf_topics = TfPoses(common), set[str]()
 
     def learn(self, topics: list[Topic]) -> list[Wanted]:
@@ -125,9 +125,13 @@ class Listening:
         unclear = [name for name, why in roles.rest.items() if why.startswith("may have ranges")]
         wanted += [Wanted(name, self.topics[name].type, False) for name in unclear]
         wanted += self._wanted_tf(roles)
-        new = [one for one in wanted if one.topic not in self._done | self._useless]
-        self._done |= {one.topic for one in new}
+        new = [one for one in wanted if one.topic not in self._done.keys() | self._useless]
+        self._done |= {one.topic: one for one in new}
         return new
+
+    def silent(self) -> list[Wanted]:
+        """What was subscribed to, and has never said anything."""
+        return [one for topic, one in self._done.items() if topic not in self._firsts]
 
     def forget_subscriptions(self) -> None:
         """A connection is new: what is of use is wanted once more."""

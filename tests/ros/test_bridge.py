@@ -168,6 +168,30 @@ def test_a_rosbridge_that_talks_nonsense_is_heard_all_the_same() -> None:
     assert any("/nowhere" in sentence for sentence in told)
 
 
+def test_a_topic_that_is_silent_is_subscribed_to_again_until_it_says_something(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link, "LOOKED_EVERY_S", 0.05)
+    stand_in = StandIn({"/alice/odom": ODOMETRY, "/uwb": RANGING}, time.monotonic)
+
+    def times(topic: str) -> int:
+        return sum(word["op"] == "subscribe" and word["topic"] == topic for word in stand_in.heard)
+
+    async def test() -> None:
+        async with (
+            serving() as (_, room),
+            standing_in(stand_in) as address,
+            bridging(BridgeOptions(room, [(None, address)])),
+        ):
+            await until(lambda: times("/alice/odom") > 2)
+            await stand_in.say("/uwb", ranging(time.time(), "alice", "bob", 2.0))
+            await asyncio.sleep(0.2)
+            before = times("/alice/odom"), times("/uwb")
+            await until(lambda: times("/alice/odom") > before[0])
+            assert times("/uwb") == before[1]
+
+    run(test)
+    assert stand_in.complaints == []
+
+
 def test_rosbridge_without_rosapi_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(link, "ROSAPI_WITHIN_S", 0.0)
     stand_in = StandIn({}, time.monotonic, with_rosapi=False)
