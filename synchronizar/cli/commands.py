@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from synchronizar.diagnosis.summary import Summary
 
 FOUND = 1
+_SAMPLED_S = 3.0
+"""s for which `ros --list` hears what comes."""
 
 
 def _register(options: argparse.Namespace) -> None:
@@ -351,6 +353,23 @@ def _need_gtsam(command: str) -> None:
         raise InputError(command, "needs gtsam, which is not here: it has no wheel for Windows itself, but for WSL")
 
 
+def _ros(options: argparse.Namespace) -> None:
+    with _extra("live"):
+        from synchronizar.ros.bridge import Bridge, list_topics
+        from synchronizar.ros.options import BridgeOptions
+    import asyncio
+
+    from synchronizar.convert.asked import Asked
+
+    asked = Asked(**{f.name: getattr(options, f.name) for f in fields(Asked) if hasattr(options, f.name)})
+    bridges = options.bridges or [(None, "ws://127.0.0.1:9090")]
+    wanted = BridgeOptions(options.join, bridges, asked, options.common, options.sim_time)
+    if options.list:
+        print_result(asyncio.run(list_topics(wanted, _SAMPLED_S)))
+    else:
+        asyncio.run(Bridge(wanted).run())
+
+
 @contextmanager
 def _extra(name: str) -> Iterator[None]:
     """What only some commands need comes with an extra; an empty name is none."""
@@ -372,4 +391,5 @@ COMMANDS: dict[str, Command] = {
     "convert": _convert,
     "serve": _serve,
     "play": _play,
+    "ros": _ros,
 }
