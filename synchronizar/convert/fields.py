@@ -5,9 +5,10 @@ A path is names joined by dots; `[]` after a name stands for each item of a list
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import attrgetter
+from functools import reduce
+from operator import attrgetter, getitem
 from typing import Any
 
 
@@ -60,11 +61,20 @@ def _getter(path: str) -> Callable[[Any], Any]:
     by_attribute, names = attrgetter(path), path.split(".")
 
     def follow(message: Any) -> Any:
-        if isinstance(message, Mapping):
-            for name in names:
-                message = message[name]
-            return message
-        return by_attribute(message)
+        return reduce(getitem, names, message) if isinstance(message, dict) else by_attribute(message)
+
+    return follow
+
+
+def numbers_at(paths: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
+    """A function of a message: the values at several paths without a list in them, in one go."""
+    by_attribute, names = attrgetter(*paths), [path.split(".") for path in paths]
+
+    def follow(message: Any) -> tuple[Any, ...]:
+        if not isinstance(message, dict):
+            found: tuple[Any, ...] = by_attribute(message)
+            return found
+        return tuple(reduce(getitem, path, message) for path in names)
 
     return follow
 

@@ -14,7 +14,7 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.convert.asked import LENGTH_UNITS, Asked
 from synchronizar.convert.assembling import listed
-from synchronizar.convert.fields import Items, Topic, stamp_of
+from synchronizar.convert.fields import Items, Topic, numbers_at, stamp_of
 from synchronizar.convert.guess import PoseRole, RangeRole, Roles, field_list, kind_of, preferred, roles_of
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import Mapped, mapped
@@ -141,16 +141,12 @@ class _Poses:
         self.role, self.count = role, 0
         dot = f"{role.path}." if role.path else ""
         place, turn = ("position", "orientation") if role.topic.has(f"{dot}position") else ("translation", "rotation")
-        self._position, self._quat = Items(f"{dot}{place}"), Items(f"{dot}{turn}")
+        self._pose = numbers_at([*(f"{dot}{place}.{x}" for x in "xyz"), *(f"{dot}{turn}.{x}" for x in "xyzw")])
         self._stamp = None if role.time == "log" else Items(role.time)
         self.logged, self.own, self._poses = array("d"), array("d"), array("d")
 
     def take(self, logged: float, message: Any) -> None:
-        p, q = self._position(message), self._quat(message)
-        if isinstance(p, Mapping):
-            self._poses.extend((p["x"], p["y"], p["z"], q["x"], q["y"], q["z"], q["w"]))
-        else:
-            self._poses.extend((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+        self._poses.extend(self._pose(message))
         self.logged.append(logged)
         self.own.append(np.nan if self._stamp is None else stamp_of(self._stamp(message)))
 
