@@ -85,7 +85,7 @@ def read_dwm1001(path: Path, asked: Asked, progress: Progress) -> Imported:
         begin = min(k for k in (line.text.find("DIST,"), _first(_LES, line.text)) if k >= 0)
         t = clock.at(line, line.text[:begin])
         for anchor, place, distance in found:
-            _add(imported, t, me, anchor, distance, asked, "m")
+            add_range(imported, t, me, anchor, distance, asked, "m")
             imported.users[anchor] = User(anchor, static=True)
             imported.truth[anchor] = np.array([[0.0, *place, *IDENTITY]])
     return _told(path, imported, skipped)
@@ -103,7 +103,7 @@ def read_pozyx(path: Path, asked: Asked, progress: Progress) -> Imported:
             continue
         t = clock.at(line, line.text[: found.start()], 1e-3 * float(found[2]))
         power = float(found[4]) if found[4] else np.nan
-        _add(imported, t, me, found[1] or other, float(found[3]), asked, "mm", rx_power=power)
+        add_range(imported, t, me, found[1] or other, float(found[3]), asked, "mm", rx_power=power)
     if other in imported.ranges.b:
         imported.note(f"the log does not say whom it ranges with: {other} (--column b=NAME)")
     return _told(path, imported, skipped)
@@ -162,7 +162,7 @@ def _of_lec(path: Path, line: _Line) -> list[tuple[str, list[float], float]]:
     return out
 
 
-def _add(
+def add_range(
     imported: Imported,
     t: float,
     a: str,
@@ -173,6 +173,7 @@ def _add(
     rx_power: float = np.nan,
     fp_power: float = np.nan,
 ) -> None:
+    """Add a range in `unit`, or in the one that was asked for; powers in dBm."""
     metres = LENGTH_UNITS[asked.range_unit or unit]
     imported.ranges.add(t, a, b, metres * distance, rx_power=rx_power, fp_power=fp_power)
 
@@ -251,7 +252,7 @@ def _nooploop_csv(path: Path, asked: Asked, imported: Imported, progress: Progre
             fp, rx = number(f"field.nodes{n}.fp_rssi"), number(f"field.nodes{n}.rx_rssi")
             _add_node(imported, t, me, number(f"field.nodes{n}.id"), number(f"field.nodes{n}.dis"), asked, fp, rx)
         for n in arrays:
-            _add_node(imported, t, me, float(n), number(f"field.dis_arr{n}"), asked)
+            _add_node(imported, t, me, float(n), number(f"field.dis_arr{n}"), asked, prefix="anchor")
 
 
 def _nooploop_yaml(path: Path, asked: Asked, imported: Imported, progress: Progress) -> None:
@@ -266,7 +267,8 @@ def _nooploop_yaml(path: Path, asked: Asked, imported: Imported, progress: Progr
         me = _whose(asked, path, top.get("id", np.nan))
         for node in nodes:
             fp, rx = node.get("fp_rssi", np.nan), node.get("rx_rssi", np.nan)
-            _add_node(imported, t, me, node.get("id", np.nan), node.get("dis", np.nan), asked, fp, rx)
+            number, distance = node.get("id", np.nan), node.get("dis", np.nan)
+            _add_node(imported, t, me, number, distance, asked, fp, rx, "anchor" if "index" in node else "")
         top.clear()
         nodes.clear()
 
@@ -280,7 +282,7 @@ def _nooploop_yaml(path: Path, asked: Asked, imported: Imported, progress: Progr
             in_nodes = False
             values = [v.strip() for v in text.partition(":")[2].strip(" []()").split(",") if v.strip()]
             for n, value in enumerate(values):
-                nodes.append({"id": float(n), "dis": _value(path, line, value)})
+                nodes.append({"id": float(n), "index": float(n), "dis": _value(path, line, value)})
             continue
         key, colon, value = text.lstrip("- ").partition(":")
         if not colon:
@@ -318,7 +320,8 @@ def _add_node(
     asked: Asked,
     fp: float = np.nan,
     rx: float = np.nan,
+    prefix: str = "",
 ) -> None:
     """A range of a frame: none where it is 0."""
     if np.isfinite(node) and np.isfinite(t) and distance > 0.0:
-        _add(imported, t, me, str(int(node)), distance, asked, "m", rx_power=rx, fp_power=fp)
+        add_range(imported, t, me, f"{prefix}{int(node)}", distance, asked, "m", rx_power=rx, fp_power=fp)
