@@ -7,16 +7,29 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from synchronizar.convert.fields import Field, Topic
+from synchronizar.convert.fields import SECONDS, Field, Topic
 from synchronizar.convert.mapping import Mapped
-from synchronizar.convert.names import OBSTACLE_WORDS, SLAM_WORDS, TRUTH_WORDS, has_word, pair_of_topic, users_of_topics
+from synchronizar.convert.names import (
+    OBSTACLE_WORDS,
+    PLAN_WORDS,
+    SLAM_WORDS,
+    TRUTH_WORDS,
+    has_word,
+    pair_of_topic,
+    users_of_topics,
+)
 from synchronizar.errors import InputError
 from synchronizar.io.text import quoted
 
 POSE_PATHS = ("pose.pose", "pose", "transform", "")
 """Where a pose may be in a message: position and orientation, or translation and rotation, stand below."""
+_LIST_PATHS = ("poses[].pose", "poses[]")
+"""Where the poses of a path are, each with a stamp of its own."""
 _POSE_RANK = {"nav_msgs/Odometry": 3, "geometry_msgs/PoseWithCovarianceStamped": 2, "geometry_msgs/PoseStamped": 1}
-TF_TYPES = ("tf2_msgs/TFMessage", "tf/tfMessage", "foxglove.FrameTransform", "foxglove.FrameTransforms")
+TF_TYPES = (
+    *("tf2_msgs/TFMessage", "tf/tfMessage", "foxglove.FrameTransform", "foxglove.FrameTransforms"),
+    *("foxglove_msgs/FrameTransform", "foxglove_msgs/FrameTransforms"),
+)
 _VALUE = re.compile(
     r"(?i)(?:(?:uwb|tof|twr|raw|slant|measured|est)_?)?(?:range|ranges|dist|dis|distance|distances|dis_arr|dists|"
     r"node_dis|range_m|range_mm|distance_m|distance_mm|dist_mm|dist_cm|range_cm|ranging|tof_distance)"
@@ -117,6 +130,11 @@ class PoseRole:
     time: str
     """A field's path, or `log`."""
 
+    @property
+    def is_path(self) -> bool:
+        """Whether each message holds a list of poses."""
+        return "[]" in self.path
+
 
 @dataclass(frozen=True)
 class RangeRole:
@@ -131,6 +149,8 @@ class RangeRole:
     time: str
     optional: Mapping[str, str]
     """Paths of sigma, rx_power, fp_power, nlos, antenna_a, antenna_b."""
+    place: tuple[str, str, str] | None = None
+    """Paths of x, y and z (m) of where `b` was surveyed to be."""
 
 
 @dataclass(frozen=True)
@@ -169,9 +189,10 @@ def roles_of(topics: list[Topic], mapped: Mapped, first: First, place: str) -> R
             path = said.get(kind) or _pose_path(topic)
             if path is None or not _has_pose(topic, path):
                 raise InputError("--topic", f"{topic.name} has no position and orientation at {quoted(path or '')}")
-            poses.append(
-                PoseRole(topic, path, said.get("user", users[topic.name]), kind == "truth", _time(topic, said))
-            )
+            time = _time(topic, said, path.partition("[]")[0] if "[]" in path else "")
+            if "[]" in path and "[]" not in time:
+                raise InputError("--topic", f"{topic.name} has poses at {quoted(path)}, and no stamps with them")
+            poses.append(PoseRole(topic, path, said.get("user", users[topic.name]), kind == "truth", time))
         elif kind == "tf":
             transforms.append(topic)
         elif kind == "range":
@@ -191,6 +212,8 @@ def _kind(topic: Topic, mapped: Mapped) -> str:
     for kind in ("skip", "pose", "truth", "tf", "range"):
         if kind in said:
             return "as asked" if kind == "skip" else kind
+    if topic.unread:
+        return topic.unread
     if topic.type in TF_TYPES:
         return "tf"
     if not topic.fields:
@@ -198,6 +221,8 @@ def _kind(topic: Topic, mapped: Mapped) -> str:
     if topic.type in ("sensor_msgs/Range", "synchronizar.Range"):
         return "distances to the ground or an obstacle, by its name" if OBSTACLE_WORDS.search(topic.name) else "range"
     if _pose_path(topic) is not None and not topic.type.startswith(("visualization_msgs/", "geometry_msgs/Polygon")):
+        if PLAN_WORDS.search(topic.name):
+            return "where to go, not where it is, by its name"
         return "truth" if has_word(topic.name, TRUTH_WORDS) else "pose"
     if _value_path(topic) is not None and not topic.type.startswith(_NO_RANGES):
         return "range"
@@ -208,7 +233,10 @@ _NO_RANGES = ("sensor_msgs/", "nav_msgs/", "visualization_msgs/", "map_msgs/", "
 
 
 def _pose_path(topic: Topic) -> str | None:
-    return next((path for path in POSE_PATHS if _has_pose(topic, path)), None)
+    single = next((path for path in POSE_PATHS if _has_pose(topic, path)), None)
+    if single is not None:
+        return single
+    return next((path for path in _LIST_PATHS if _has_pose(topic, path) and "[]" in _time(topic, {}, "poses")), None)
 
 
 def _has_pose(topic: Topic, path: str) -> bool:
@@ -217,11 +245,14 @@ def _has_pose(topic: Topic, path: str) -> bool:
     return {f"{dot}position.x", f"{dot}orientation.w"} <= paths or {f"{dot}translation.x", f"{dot}rotation.w"} <= paths
 
 
-def _time(topic: Topic, said: Mapping[str, str]) -> str:
+def _time(topic: Topic, said: Mapping[str, str], items: str = "") -> str:
+    """Where the stamp of a message is, or of each item of one of its lists; `log` where it has none."""
     if "time" in said and said["time"] != "header":
         return said["time"]
-    for path in ("header.stamp", "timestamp", "stamp", "t"):
-        if topic.has(f"{path}.sec") or (path == "t" and topic.has(path)):
+    before = f"{items}[]." if items else ""
+    for path in (f"{before}{name}" for name in ("header.stamp", "timestamp", "stamp", "time", "t")):
+        is_number = any(f.path == path and f.kind in ("integer", "float") for f in topic.fields)
+        if is_number or any(topic.has(f"{path}.{sec}") for sec in SECONDS):
             return path
     return "log"
 
@@ -369,7 +400,7 @@ def preferred(roles: list[PoseRole]) -> PoseRole:
 
     def rank(role: PoseRole) -> tuple[int, int, int]:
         slam = has_word(role.topic.name, SLAM_WORDS)
-        return int(slam), _POSE_RANK.get(role.topic.type, 0), role.topic.count
+        return int(slam), -1 if role.is_path else _POSE_RANK.get(role.topic.type, 0), role.topic.count
 
     return max(roles, key=rank)
 

@@ -39,6 +39,11 @@ OBSTACLE_WORDS = re.compile(
     r"(?:^|[/_])(?:down|ground|ir|hrlv|lrf|teraranger|sharp|bumper)(?:[/_]|$)"
 )
 """In the names of topics of distances to the ground or to what stands in the way."""
+PLAN_WORDS = re.compile(
+    r"(?i)(?:^|[/_])(?:goal|goals|setpoint|initialpose|plan|plans|planner|planned|waypoints?|cmd|command|target|desired|"
+    r"(?:global|local|planned)_path)(?:[/_]|$)"
+)
+"""In the names of topics of poses that are asked for."""
 _BEACONS = re.compile(r"(uwb[_-]?)?(anchors?|an|beacons?|base|station|bs|landmarks?|lm|fixed|static)[_-]?\d*", re.I)
 _PAIR = re.compile(r"(.+?)(?:_to_|_and_|_vs_|-to-|->|<->|2(?=[A-Za-z])|-|_)(.+)")
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.convert.fields import stamp_of
 from synchronizar.data.track import interpolated
 from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, rotate_by_quaternions
 
@@ -53,24 +52,15 @@ class FrameTrack(NamedTuple):
 
 
 class Transforms:
-    """All transforms of a file; frames of topics in a namespace are that namespace's own."""
+    """All transforms of a file."""
 
     def __init__(self) -> None:
         self._edges: dict[str, dict[str, _Edge]] = {}
 
-    def add(self, space: str, logged: float, transform: Any, is_static: bool) -> None:
-        """Take one transform of a message."""
-        if isinstance(transform, Mapping):
-            parent, child = transform["parent_frame_id"], transform["child_frame_id"]
-            p, q, stamp = transform["translation"], transform["rotation"], stamp_of(transform["timestamp"])
-            pose = (p["x"], p["y"], p["z"], q["x"], q["y"], q["z"], q["w"])
-        else:
-            parent, child = transform.header.frame_id, transform.child_frame_id
-            p, q = transform.transform.translation, transform.transform.rotation
-            stamp, pose = stamp_of(transform.header.stamp), (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
-        ends = [f"{space}/{name.strip('/')}" if space else name.strip("/") for name in (parent, child)]
-        edge = self._edges.setdefault(ends[1], {}).setdefault(ends[0], _Edge(is_static))
-        edge.t.append(stamp or logged)
+    def add(self, parent: str, child: str, t: float, pose: Sequence[float], is_static: bool) -> None:
+        """Take one transform: x y z qx qy qz qw of a child in its parent at t (s)."""
+        edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge(is_static))
+        edge.t.append(t)
         edge.poses.extend(pose)
 
     def tracks(self) -> list[FrameTrack]:

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar.convert.asked import LENGTH_UNITS, TIME_UNITS, Asked
+from synchronizar.convert.asked import LENGTH_UNITS, TIME_UNITS, Asked, time_unit_by_size
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.source import Source
 from synchronizar.data.user import User
@@ -46,7 +46,6 @@ _POZYX = re.compile(
 )
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:[.,]\d+)?)(Z|[+-]\d\d:?\d\d)?")
 _CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)")
-_BEYOND_S = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 
 
 class _Line(NamedTuple):
@@ -225,7 +224,7 @@ class _Clock:
         if found is None:
             return None
         value = float(found[0])
-        unit = self._asked.time_unit or next((unit for beyond, unit in _BEYOND_S if abs(value) > beyond), "s")
+        unit = self._asked.time_unit or time_unit_by_size(value)
         return value * TIME_UNITS[unit]
 
 

@@ -11,7 +11,7 @@ from support.paths import SHARED
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
-from support.bags import header, pose_message, range_message, store_with, transforms, walk, write_bag
+from support.bags import header, path_message, pose_message, range_message, store_with, transforms, walk, write_bag
 
 from synchronizar.cli import main
 from synchronizar.convert import mcap, rosbag
@@ -184,6 +184,42 @@ def test_a_bag_that_is_cut_off_is_one_clear_line_and_nothing_is_written(
     assert err.count("\n") == 1
     assert "a.bag: " in err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
+@pytest.mark.parametrize("window", [15, 1000])
+def test_a_path_that_grows_or_moves_along_is_a_track_as_it_was_told_last(
+    tmp_path: Path, kind: str, window: int
+) -> None:
+    """Each message is 0.5 m beside the one before; only the last 15 poses, or all, are in it."""
+    store = store_with({}, 1 if kind == "ros1" else 2)
+    rows = walk(n=60)
+    messages = []
+    for k in range(60):
+        told = rows[max(0, k + 1 - window) : k + 1].copy()
+        told[:, 2] += 0.5 * k
+        messages.append(("/tb1/vins/path", "nav_msgs/msg/Path", rows[k, 0], path_message(store, rows[k, 0], told)))
+    track = read(write_bag(tmp_path / "a", kind, store, messages)).tracks["tb1"]
+    np.testing.assert_allclose(track[:, 0], rows[:, 0], atol=1e-6)
+    begin = 60 - min(window, 60)
+    np.testing.assert_allclose(track[begin:, 2], rows[begin:, 2] + 0.5 * 59, atol=1e-6)
+    assert (np.abs(track[:, 1] - rows[:, 1]) < 1e-6).all()
+
+
+def test_a_path_is_taken_where_there_is_nothing_else_and_a_plan_never(tmp_path: Path) -> None:
+    store = store_with({}, 2)
+    rows = walk(phase=5)
+    path = ("/tb1/path", "nav_msgs/msg/Path", 1002.5, path_message(store, 1002.5, rows))
+    plan = ("/tb1/plan", "nav_msgs/msg/Path", 1002.5, path_message(store, 1002.5, rows))
+    goal = ("/tb1/goal_pose", STAMPED, 1002.5, pose_message(store, STAMPED, 1002.5, rows[0, 1:].tolist()))
+    both = read(write_bag(tmp_path / "a", "sqlite3", store, [*two_walks(store), path, plan, goal]))
+    assert set(both.tracks) == {"tb1", "tb2"}
+    assert "/tb1/odom is tb1's track (and not /tb1/path)" in both.notes
+    unstamped = ("/tb1/path", "nav_msgs/msg/Path", 1002.5, path_message(store, 1002.5, rows, stamped=False))
+    bag = write_bag(tmp_path / "b", "sqlite3", store, [unstamped, plan, goal])
+    alone = read(bag)
+    assert not alone.tracks
+    assert "/tb1/path is left out: the poses in its messages have no stamps of their own" in alone.notes
 
 
 def test_a_topic_that_is_not_there_is_named(tmp_path: Path) -> None:
