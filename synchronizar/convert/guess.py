@@ -115,6 +115,7 @@ _B_NAMES = (
     "beacon",
 )
 _ID_NAMES = ("id", "name", "address", "addr", "node", "ids")
+_ANCHOR_PLACE = re.compile(r"(?i)(anchor|beacon|responder)_?(position|location|pos|coordinates?|coords?)")
 _RX_NAMES = ("rx_rssi", "rx_power", "rxpower", "rssi", "rss", "rx_level", "rxp")
 _FP_NAMES = ("fp_rssi", "fp_power", "fppower", "fpp", "first_path_power", "fp_level")
 
@@ -339,7 +340,21 @@ def _range_role(topic: Topic, said: Mapping[str, str], first: First) -> RangeRol
         if near and key not in optional:
             optional[key] = near
     unit = said.get("unit") or _unit(topic, value)
-    return RangeRole(topic, value, a, b, unit, _time(topic, said), optional)
+    place = None if b.startswith("=?") else _place_path(topic, above)
+    return RangeRole(topic, value, a, b, unit, _time(topic, said), optional, place)
+
+
+def _place_path(topic: Topic, above: str) -> tuple[str, str, str] | None:
+    """Where a message says where the anchor is that it has a range to: by a field's name, or an anchor's own place."""
+    dot = f"{above}." if above else ""
+    numbers = {f.path for f in topic.fields if f.kind in ("float", "integer")}
+    named = {path.rpartition(".")[0] for path in numbers if _ANCHOR_PLACE.fullmatch(_last(path.rpartition(".")[0]))}
+    own = [above, f"{dot}position"] if "anchor" in f"{topic.type} {topic.name} {above}".lower() else []
+    for where in (*sorted(path for path in named if path.startswith(dot)), *own):
+        paths = [f"{where}.{axis}".removeprefix(".") for axis in "xyz"]
+        if numbers.issuperset(paths):
+            return paths[0], paths[1], paths[2]
+    return None
 
 
 def _ends(topic: Topic, value: str, above: str) -> tuple[str, str]:

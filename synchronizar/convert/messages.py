@@ -190,7 +190,8 @@ def _name_radios(imported: Imported, said: Mapped, asked: Asked, topics: list[Ra
     """Radios' names become those of the devices that carry them."""
     ranges = imported.ranges
     known = imported.tracks.keys()
-    radios = sorted({*ranges.a, *ranges.b} - said.radios.keys() - {old for old, _ in asked.renamed})
+    surveyed = {name for name, user in imported.users.items() if user.position is not None}
+    radios = sorted({*ranges.a, *ranges.b} - said.radios.keys() - surveyed - {old for old, _ in asked.renamed})
     taken = {radio.user for radio in said.radios.values()} | {new for _, new in asked.renamed}
     of = {radio: user for radio, user in _owned(topics, known - taken).items() if radio in radios}
     of = of | matched([r for r in radios if r not in of], sorted(known - taken - set(of.values())))

@@ -4,6 +4,7 @@
 |---|---|
 | VERTEX_SE3:QUAT t A0 x y z qx qy qz qw | a device's antenna at the moment of a range; its first and last pose |
 | VERTEX_XYZ L0 x y z | a static radio |
+| VERTEX_XYZ:PRIOR t L0 x y z cov(6) | where it was surveyed to be |
 | EDGE_SE3:QUAT t A0 A1 x y z qx qy qz qw cov(21) | what SLAM says of the way from one to the next |
 | EDGE_RANGE t A0 L0 range variance | a range |
 
@@ -75,6 +76,7 @@ def write_pyfg(
             seen = chain if tracks is None else _in_common(chain, tracks.get(name), recording, name, offsets[name])
             file.writelines(_vertices(letters[name], seen))
         file.writelines(_landmarks(recording, tracks))
+        file.writelines(_priors(recording))
         for name, chain in chains.items():
             file.writelines(_steps(letters[name], chain))
         file.writelines(_ranges(recording, ranges, chains, letters))
@@ -130,8 +132,21 @@ def _vertices(letter: str, chain: _Chain) -> Iterator[str]:
 
 def _landmarks(recording: Recording, tracks: Mapping[str, Track] | None) -> Iterator[str]:
     for name, landmark in _landmark_names(recording).items():
-        track = (tracks or {}).get(name)
-        yield f"VERTEX_XYZ {landmark} {_numbers(np.zeros(3) if track is None else track.position[0])}\n"
+        track, surveyed = (tracks or {}).get(name), recording.users[recording.index(name)].position
+        place = np.array(surveyed or np.zeros(3)) if track is None else track.position[0]
+        yield f"VERTEX_XYZ {landmark} {_numbers(place)}\n"
+
+
+def _priors(recording: Recording) -> Iterator[str]:
+    """Surveyed places, at the first stamp of all, since the format has priors at a time."""
+    begin = min((track.t[0] for track in recording.tracks.values()), default=0.0)
+    for name, landmark in _landmark_names(recording).items():
+        user = recording.users[recording.index(name)]
+        if user.position is not None:
+            sigma = user.position_sigma or Parameters().priors.survey_sigma
+            covariance = (sigma**2 * np.eye(3))[np.triu_indices(3)]
+            place = _numbers(np.array(user.position))
+            yield f"VERTEX_XYZ:PRIOR {begin:.9f} {landmark} {place} {_numbers(covariance)}\n"
 
 
 def _landmark_names(recording: Recording) -> dict[str, str]:

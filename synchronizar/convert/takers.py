@@ -14,6 +14,7 @@ from synchronizar.convert.fields import Items, Topic, numbers_at, stamp_of
 from synchronizar.convert.guess import PoseRole, RangeRole, kind_of
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.message_clock import MessageClock
+from synchronizar.convert.surveyed import add_surveyed
 from synchronizar.convert.transforms import Transforms
 
 Decode = Callable[[], Any]
@@ -161,10 +162,15 @@ class Ranges:
         ranges.b.extend(self.b)
         for name, of in numbers.items():
             getattr(ranges, name).extend(of.astype(float).tolist() if len(of) == n else [np.nan] * n)
+        self._survey(imported)
         for name in ("antenna_a", "antenna_b"):
             getattr(ranges, name).extend(map(str, self.optional.get(name, [""] * n)))
         if self.empty:
             imported.note(f"{self.empty} distances of 0 in {self.role.topic.name} are no measurements and left out")
+
+    def _survey(self, imported: Imported) -> None:
+        """Places of anchors, but those of devices with tracks."""
+        add_surveyed(imported, {name: place for name, place in self.places.items() if name not in imported.tracks})
 
     def _metres(self, imported: Imported, asked: Asked) -> float:
         name, value = self.role.topic.name, self.role.value

@@ -4,7 +4,8 @@
 |---|---|
 | dwm1001 | `les`: `022E[7.94,8.03,0.00]=3.38 ...`, and `lec`: `DIST,4,AN0,022E,7.94,8.03,0.00,3.44,...` |
 | nooploop | `rostopic echo` of nlink_parser's node and tag frames, as YAML or (`-p`) as csv |
-| pozyx | `1234 ms, 2045 mm, -81 dBm`, as pypozyx prints a DeviceRange, with or without `0x6951:` before it |
+| pozyx | `1234 ms, 2045 mm, -81 dBm`, as pypozyx prints a DeviceRange, with or without `0x6951:` before it; |
+| | `ANCHOR,0x6951,X: 0, Y: 4000, Z: 2500`, as its examples print where anchors are |
 
 | | |
 |---|---|
@@ -12,7 +13,7 @@
 | | else the module's own clock (ms since it was switched on); none at all: `--rate HZ`; `--time-offset` shifts it |
 | units | m (DWM1001, Nooploop), mm (Pozyx); `--range-unit` for others; dBm |
 | names | who ranges is `--user`, or the file's name; the others by the ids in the log. Anchors stand still |
-| truth | places of anchors that are in the log become their `truth/` |
+| surveyed | places of anchors, as they were entered: `position`, but where several are told to be at one |
 | refused | lines that begin as such a line and are broken; logs without any time |
 
 Positions that a module has estimated are not read. What else stands in a log (prompts, answers) is skipped and counted.
@@ -31,11 +32,11 @@ import numpy as np
 from synchronizar.convert.asked import LENGTH_UNITS, TIME_UNITS, Asked, time_unit_by_size
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.source import Source
+from synchronizar.convert.surveyed import add_surveyed
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
 from synchronizar.io.text import is_number, open_text, quoted
 from synchronizar.progress import Progress
-from synchronizar.quaternions import IDENTITY
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _LES = re.compile(rf"\b([0-9A-Fa-f]{{4,16}})\[({_NUMBER}),({_NUMBER}),({_NUMBER})\]=({_NUMBER})")
@@ -43,6 +44,9 @@ _LES_BROKEN = re.compile(r"\b[0-9A-Fa-f]{4}\[")
 _LEC = re.compile(r"\bDIST,(\d+)")
 _POZYX = re.compile(
     rf"(?:(0x[0-9A-Fa-f]+|\d+)\s*[:,]\s*)?(\d+)\s*ms,\s*({_NUMBER})\s*mm(?:,\s*({_NUMBER})\s*dBm)?", re.I
+)
+_POZYX_ANCHOR = re.compile(
+    rf"ANCHOR,\s*(0x[0-9A-Fa-f]+|\d+),\s*(?:X:)?\s*({_NUMBER}),\s*(?:Y:)?\s*({_NUMBER}),\s*(?:Z:)?\s*({_NUMBER})", re.I
 )
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:[.,]\d+)?)(Z|[+-]\d\d:?\d\d)?")
 _CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)")
@@ -68,14 +72,14 @@ def recognises_nooploop(source: Source) -> bool:
 
 def recognises_pozyx(source: Source) -> bool:
     """Times in ms and distances in mm."""
-    lines = source.lines
+    lines = [line for line in source.lines if not _POZYX_ANCHOR.search(line)]
     return bool(lines) and sum(bool(_POZYX.search(line)) for line in lines) > len(lines) / 2
 
 
 def read_dwm1001(path: Path, asked: Asked, progress: Progress) -> Imported:
     """Ranges of one tag to its anchors. Raises InputError for a broken line, or a log without times."""
     imported, me, skipped = Imported(), asked.user or path.stem, 0
-    clock = _Clock(path, asked, imported)
+    clock, places = _Clock(path, asked, imported), dict[str, list[float]]()
     for line in _lines(path, progress):
         found = _of_lec(path, line) if _LEC.search(line.text) else _of_les(path, line)
         if not found:
@@ -86,16 +90,21 @@ def read_dwm1001(path: Path, asked: Asked, progress: Progress) -> Imported:
         for anchor, place, distance in found:
             add_range(imported, t, me, anchor, distance, asked, "m")
             imported.users[anchor] = User(anchor, static=True)
-            imported.truth[anchor] = np.array([[0.0, *place, *IDENTITY]])
+            places[anchor] = place
+    add_surveyed(imported, places)
     return _told(path, imported, skipped)
 
 
 def read_pozyx(path: Path, asked: Asked, progress: Progress) -> Imported:
     """Ranges of one module to others. Raises InputError for a log without times."""
     imported, me, skipped = Imported(), asked.user or path.stem, 0
-    clock = _Clock(path, asked, imported)
+    clock, places = _Clock(path, asked, imported), dict[str, list[float]]()
     other = dict(asked.columns).get("b", "pozyx")
     for line in _lines(path, progress):
+        if anchor := _POZYX_ANCHOR.search(line.text):
+            metres = LENGTH_UNITS[asked.range_unit or "mm"]
+            places[anchor[1]] = [metres * float(anchor[k]) for k in (2, 3, 4)]
+            continue
         found = _POZYX.search(line.text)
         if not found:
             skipped += 1
@@ -103,6 +112,7 @@ def read_pozyx(path: Path, asked: Asked, progress: Progress) -> Imported:
         t = clock.at(line, line.text[: found.start()], 1e-3 * float(found[2]))
         power = float(found[4]) if found[4] else np.nan
         add_range(imported, t, me, found[1] or other, float(found[3]), asked, "mm", rx_power=power)
+    add_surveyed(imported, {name: place for name, place in places.items() if name in imported.ranges.b})
     if other in imported.ranges.b:
         imported.note(f"the log does not say whom it ranges with: {other} (--column b=NAME)")
     return _told(path, imported, skipped)

@@ -17,6 +17,7 @@ from synchronizar.cli import main
 from synchronizar.convert import mcap, rosbag
 from synchronizar.convert.asked import Asked
 from synchronizar.convert.imported import Imported
+from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
 from synchronizar.progress import unheard
 
@@ -261,3 +262,44 @@ def test_a_distance_to_the_ground_is_no_range_between_devices(tmp_path: Path) ->
     store = store_with({}, 2)
     down = [("/tb1/altimeter/down", RANGE, 1000.5, range_message(store, 1000.5, 1.5))]
     assert len(read(write_bag(tmp_path / "a", "sqlite3", store, [*two_walks(store), *down])).ranges) == 0
+
+
+ANCHOR = {"dwm_msgs/msg/Anchor": "std_msgs/Header header\nstring id\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 distance"}
+RESPONDER = {
+    "drv_msgs/msg/UwbRange": "std_msgs/Header header\nuint8 requester_id\nuint8 responder_id\nfloat32 distance\n"
+    "geometry_msgs/Point responder_location"
+}
+
+
+def test_messages_that_say_where_an_anchor_is_survey_it(tmp_path: Path) -> None:
+    store = store_with(ANCHOR, 2)
+    of = store.types["dwm_msgs/msg/Anchor"]
+    anchors = [("A1", 1.0, 2.0, 2.5), ("A2", 4.0, 2.0, 2.5)]
+    messages = [
+        ("/tb1/anchors", "dwm_msgs/msg/Anchor", 1000.5,
+         of(header=header(store, 1000.5), id=name, x=x, y=y, z=z, distance=3.0)) for name, x, y, z in anchors
+    ]  # fmt: skip
+    imported = read(write_bag(tmp_path / "a", "sqlite3", store, [*two_walks(store), *messages]))
+    assert (imported.ranges.a, imported.ranges.b) == (["tb1", "tb1"], ["A1", "A2"])
+    assert {name: imported.users[name].position for name, *_ in anchors} == {n: (x, y, z) for n, x, y, z in anchors}
+
+
+def test_a_place_that_is_not_known_is_none(tmp_path: Path) -> None:
+    """Drivers have 99999 where nobody said it."""
+    store = store_with(RESPONDER, 1)
+    of, point = store.types["drv_msgs/msg/UwbRange"], store.types["geometry_msgs/msg/Point"]
+    messages = []
+    for other, x in ((2, 99999.0), (100, 99999.0), (101, 4.0)):
+        said = of(
+            header=header(store, 1000.5),
+            requester_id=1,
+            responder_id=other,
+            distance=2.5,
+            responder_location=point(x=x, y=x, z=x),
+        )
+        messages.append(("/uwb", "drv_msgs/msg/UwbRange", 1000.5, said))
+    bag = write_bag(tmp_path / "a.bag", "ros1", store, [*two_walks(store), *messages])
+    out = tmp_path / "out"
+    assert main(["convert", str(bag), str(out)]) == 0
+    users = {user.name: user.position for user in Recording.load(out).users}
+    assert users == {"tb1": None, "tb2": None, "100": None, "101": (4.0, 4.0, 4.0)}
