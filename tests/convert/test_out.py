@@ -15,6 +15,7 @@ import pytest
 
 from synchronizar.cli import main
 from synchronizar.convert.pyfg_out import write_pyfg
+from synchronizar.data.exported import Exported
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
 from synchronizar.io.tum import read_tum, write_tum
@@ -200,7 +201,7 @@ def test_more_devices_than_letters_are_told() -> None:
     pose = ([0.0, 1.0], np.zeros((2, 3)), [[0, 0, 0, 1]] * 2)
     many = Recording.from_arrays({f"u{k:02}": pose for k in range(51)}, [(0.5, "u00", "u01", 1.0)])
     with pytest.raises(InputError, match="letters for 50 devices"):
-        write_pyfg(Path("no.pyfg"), many)
+        write_pyfg(Path("no.pyfg"), Exported(many))
 
 
 # TF
