@@ -130,7 +130,8 @@ def _users(imported: Imported, tracks: Mapping[str, Track], asked: Asked) -> dic
         users[name] = replace(known, static=True, antennas={})
     if still:
         imported.note(
-            f"{listed(still)}: ranges and no track, so taken to stand still (--without NAME leaves one out that moves)"
+            f"{listed(still)}: ranges and no track, so taken to stand still (--rename NAME=DEVICE says whose it is,"
+            " --without NAME leaves one out that moves)"
         )
     if moving:
         imported.note(

@@ -32,7 +32,8 @@ TF_TYPES = (
 )
 _VALUE = re.compile(
     r"(?i)(?:(?:uwb|tof|twr|raw|slant|measured|est)_?)?(?:range|ranges|dist|dis|distance|distances|dis_arr|dists|"
-    r"node_dis|range_m|range_mm|distance_m|distance_mm|dist_mm|dist_cm|range_cm|ranging|tof_distance)"
+    r"node_dis|range_m|range_mm|distance_m|distance_mm|dist_mm|dist_cm|range_cm|ranging|tof_distance|"
+    r"(?:range|distance|dist)_?(?:3d|(?:from|to)_?(?:tag|anchor|beacon)))"
 )
 _A_NAMES = (
     "from_id",
@@ -199,7 +200,8 @@ def roles_of(topics: list[Topic], mapped: Mapped, first: First, place: str) -> R
         elif kind == "range":
             role = _range_role(topic, said, first)
             if role is None:
-                rest[topic.name] = "may have ranges, but not of whom: say --topic 'NAME range=FIELD a=... b=...'"
+                field = said.get("range") or _value_path(topic)
+                rest[topic.name] = f"may have ranges, not of whom: say --topic '{topic.name} range={field} a=WHO b=WHO'"
             else:
                 ranges.append(role)
         else:
@@ -287,12 +289,21 @@ def _text(message: Any, *path: str) -> str:
     return message if isinstance(message, str) else ""
 
 
+_PLAIN = {
+    **dict.fromkeys(("std_msgs/Float32", "std_msgs/Float64"), "data"),
+    **dict.fromkeys(("std_msgs/Float32MultiArray", "std_msgs/Float64MultiArray"), "data[]"),
+}
+"""Types of bare numbers, and where these are; what they are only a topic's name can tell."""
+RANGE_WORDS = re.compile(r"(?i)rang|dist|tof|twr|uwb")
+"""In the names of topics that may have ranges."""
+
+
 def _value_path(topic: Topic) -> str | None:
     """The number in a message that is likely a distance: the shallowest by a name that says so."""
     numbers = [f for f in topic.fields if f.kind in ("float", "integer")]
     found = [f.path for f in numbers if _VALUE.fullmatch(_last(f.path))]
-    if not found and topic.type in ("std_msgs/Float32", "std_msgs/Float64"):
-        found = ["data"] if re.search(r"(?i)range|dist|tof|twr|uwb", topic.name) else []
+    if not found and topic.type in _PLAIN and RANGE_WORDS.search(topic.name):
+        found = [_PLAIN[topic.type]]
     return min(found, key=lambda path: (path.count("."), len(path)), default=None)
 
 
@@ -306,6 +317,8 @@ def _range_role(topic: Topic, said: Mapping[str, str], first: First) -> RangeRol
         return None
     above = value.rpartition(".")[0]
     a, b = _ends(topic, value, above)
+    if topic.type.endswith("MultiArray") and not {"a", "b"} <= said.keys():
+        return None  # what its places stand for is nowhere in it
     named = pair_of_topic(topic.name)
     if len(named) < 2 and not (a and b):
         frame = _text(first(topic), "header", "frame_id").strip("/")
@@ -373,6 +386,8 @@ def _ends(topic: Topic, value: str, above: str) -> tuple[str, str]:
         b = ids[0] if ids else ("" if b and not b.endswith("[]") else b)
         return a or (own if own and not own.endswith("[]") else ""), b
     if "[]" in value:
+        if not b and not alone and topic.has(f"{above}.header.frame_id"):
+            b = f"{above}.header.frame_id"
         b = (b if b.startswith(above) else "") or (alone if alone.startswith(above) else "") or b
         return a or (own if "[]" not in own else ""), b
     if a and not b and alone and alone != a:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,7 +14,7 @@ import numpy as np
 from synchronizar.convert.asked import Asked
 from synchronizar.convert.assembling import listed
 from synchronizar.convert.fields import Topic
-from synchronizar.convert.guess import PoseRole, RangeRole, Roles, field_list, preferred, roles_of
+from synchronizar.convert.guess import RANGE_WORDS, PoseRole, RangeRole, Roles, field_list, preferred, roles_of
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import Mapped, mapped
 from synchronizar.convert.message_clock import MessageClock
@@ -229,7 +230,27 @@ def _owned(topics: list[Ranges], users: set[str]) -> dict[str, str]:
     return {radio: user for radio, user in owners.items() if counts[user] <= _RADIOS}
 
 
+_USUAL = re.compile(
+    r"(?:std|sensor|nav|geometry|tf2?|visualization|map|diagnostic|rosgraph|rcl_interfaces|trajectory|"
+    r"shape|stereo|actionlib|dynamic_reconfigure|bond|lifecycle)_?(?:msgs)?/|foxglove[._]"
+)
+"""Types in which there are no ranges between devices."""
+
+
 def _tell(imported: Imported, roles: Roles) -> None:
+    if not roles.ranges:
+        odd = sorted(name for name, why in roles.rest.items() if _may_have_ranges(name, why))
+        if odd:
+            imported.note(
+                f"no topic of ranges is known: if {listed(odd)} has some, say --topic 'NAME range=FIELD a=WHO b=WHO'"
+                " (--list shows fields)"
+            )
     unclear = sorted(name for name, why in roles.rest.items() if why.startswith(("may have", "a type", "messages in")))
     for name in unclear:
         imported.note(f"{name} is not read: {roles.rest[name]}")
+
+
+def _may_have_ranges(topic: str, why: str) -> bool:
+    """Of a topic that is not read and says no more of itself than its type."""
+    is_type = "/" in why and " " not in why
+    return is_type and (not _USUAL.match(why) or bool(RANGE_WORDS.search(topic)))

@@ -25,7 +25,7 @@ _GENERIC = (
     TRUTH_WORDS
     | SLAM_WORDS
     | _words(
-        "relative absolute",
+        "relative absolute anchors tags anchor_array",
         "pose poses odom odometry state states local position local_position global_position mavros node nodes",
         "tracking estimate estimated estimator filtered filter fused ekf camera cam imu sensor sensors uwb tof twr",
         "ss_twr ds_twr range ranges ranging distance distances dist measurement measurements data raw info body base",
