@@ -219,12 +219,8 @@ def test_compressed_bags_are_read_as_they_are(tmp_path: Path, kind: str) -> None
         for topic, name, logged, message in walks(store):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, name, typestore=store)
-            data = (
-                store.serialize_ros1(message, name)
-                if "4" in kind or "2" in kind
-                else store.serialize_cdr(message, name)
-            )
-            writer.write(connections[topic], round(1e9 * logged), data)
+            serialize = store.serialize_ros1 if one else store.serialize_cdr
+            writer.write(connections[topic], round(1e9 * logged), serialize(message, name))
     np.testing.assert_allclose(read(path).tracks["robot2"], walk(phase=2), rtol=0, atol=1e-6)
 
 
