@@ -21,6 +21,8 @@ from synchronizar.simulation.scene import SCHEMES, Scene
 
 if TYPE_CHECKING:
     from synchronizar.cli.parser import Command
+    from synchronizar.convert.asked import Asked
+    from synchronizar.convert.importing import Part
     from synchronizar.data.exported import Exported
     from synchronizar.data.findings import Finding
     from synchronizar.data.recording import Recording
@@ -263,7 +265,7 @@ def _convert_in(options: argparse.Namespace) -> None:
     """Make a recording of something else, and check it."""
     from synchronizar.convert import importing
     from synchronizar.convert.asked import Asked
-    from synchronizar.convert.saving import check_place, is_recording, save
+    from synchronizar.convert.saving import check_place
 
     asked = Asked(**{f.name: getattr(options, f.name) for f in fields(Asked)})
     parts, unknown = importing.parts_of(options.source, options.from_format)
@@ -277,6 +279,16 @@ def _convert_in(options: argparse.Namespace) -> None:
     if options.to not in (None, "recording"):
         raise InputError("--to", f"{options.source} has to become a recording before it is written as {options.to}")
     check_place(options.out, options.force or options.add)
+    # All that was read is let go of before it is read again, to be checked.
+    notes = _save_imported(options, asked, parts, unknown)
+    _print_conversion(options, [part.format.name for part in parts], notes)
+
+
+def _save_imported(options: argparse.Namespace, asked: Asked, parts: list[Part], unknown: list[Path]) -> list[str]:
+    """Write the recording; returns what was taken for granted."""
+    from synchronizar.convert import importing
+    from synchronizar.convert.saving import is_recording, save
+
     with ExitStack() as needs, bar(f"reading {options.source}") as progress:
         for part in parts:
             needs.enter_context(_extra(part.format.reader_extra))
@@ -284,7 +296,7 @@ def _convert_in(options: argparse.Namespace) -> None:
     added_to = options.out if options.add and is_recording(options.out) else None
     recording, truth = importing.recording_of(options.source, imported, asked, added_to)
     save(recording, truth, options.out)
-    _print_conversion(options, [part.format.name for part in parts], imported.notes)
+    return imported.notes
 
 
 def _print_conversion(options: argparse.Namespace, formats: list[str], notes: list[str]) -> None:

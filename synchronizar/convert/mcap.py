@@ -132,14 +132,14 @@ class _File:
         return store_of(definitions, ros, mapped(self._asked).types)
 
     def _messages(self, names: Collection[str]) -> Iterator[tuple[Any, Any, Any]]:
-        """Schema, channel and message, as they stand in the file: in the order of time all would have to be kept."""
+        """Schema, channel and message, in the order of time where an index spares it keeping them all."""
         from mcap.reader import NonSeekingReader
 
-        reader = self._reader
-        if not self._contents.is_indexed:
-            self._stream.seek(0)
-            reader = NonSeekingReader(self._stream)
-        yield from reader.iter_messages(topics=list(names), log_time_order=False)
+        if self._contents.is_indexed:
+            yield from self._reader.iter_messages(topics=list(names))
+            return
+        self._stream.seek(0)
+        yield from NonSeekingReader(self._stream).iter_messages(topics=list(names), log_time_order=False)
 
     def read(self, names: Collection[str]) -> Iterator[tuple[str, float, Decode, float]]:
         """As `Messages.read`."""
