@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +18,8 @@ from synchronizar.convert.guess import RANGE_WORDS, PoseRole, RangeRole, Roles, 
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import Mapped, mapped
 from synchronizar.convert.message_clock import MessageClock
-from synchronizar.convert.names import matched, words_of
+from synchronizar.convert.names import matched
+from synchronizar.convert.radios import carriers
 from synchronizar.convert.takers import Decode, Frames, Paths, Poses, Ranges
 from synchronizar.convert.track_file import add_track, add_truth
 from synchronizar.convert.transforms import Transforms
@@ -28,8 +29,6 @@ from synchronizar.progress import Progress
 _STEP = 5000
 _STAMPED = 0.5
 """Of a path's poses have to have a stamp of their own, at least."""
-_RADIOS = 4
-"""That one device carries, at most: where only one is left that may carry them, they are its."""
 
 
 @contextmanager
@@ -190,17 +189,11 @@ def _truth_alone(imported: Imported) -> None:
 def _name_radios(imported: Imported, said: Mapped, asked: Asked, topics: list[Ranges]) -> None:
     """Radios' names become those of the devices that carry them."""
     ranges = imported.ranges
-    known = imported.tracks.keys()
     surveyed = {name for name, user in imported.users.items() if user.position is not None}
-    radios = sorted({*ranges.a, *ranges.b} - said.radios.keys() - surveyed - {old for old, _ in asked.renamed})
     taken = {radio.user for radio in said.radios.values()} | {new for _, new in asked.renamed}
-    of = {radio: user for radio, user in _owned(topics, known - taken).items() if radio in radios}
-    of = of | matched([r for r in radios if r not in of], sorted(known - taken - set(of.values())))
-    strangers = [radio for radio in radios if radio not in of]
-    ends = Counter(ranges.a)
-    free = sorted(known - set(of.values()) - taken)
-    if len(free) == 1 and len(ends) <= _RADIOS and set(ends) <= set(strangers) - set(ranges.b):
-        of |= dict.fromkeys(ends, free[0])
+    known = {*said.radios, *surveyed, *(old for old, _ in asked.renamed)}
+    of = carriers(topics, imported.tracks.keys(), known, taken)
+    ends = set(ranges.a)
     if "?" in ends and "?" not in of:
         unclear = sum(name == "?" for name in ranges.a)
         imported.note(
@@ -214,20 +207,6 @@ def _name_radios(imported: Imported, said: Mapped, asked: Asked, topics: list[Ra
         imported.note(f"radios are taken to be those of devices, by topics, names or numbers: {listed(pairs)}")
         ranges.a = [renamed.get(name, name) for name in ranges.a]
         ranges.b = [renamed.get(name, name) for name in ranges.b]
-
-
-def _owned(topics: list[Ranges], users: set[str]) -> dict[str, str]:
-    """Whose radios are that measure in the topics of one device alone, and not of more than a few."""
-    measuring: dict[str, set[str]] = defaultdict(set)
-    for topic in topics:
-        if topic.role.a.startswith("="):
-            continue
-        whose = [user for user in users if user.lower() in map(str.lower, words_of(topic.role.topic.name))]
-        for radio in set(topic.a):
-            measuring[radio].add(whose[0] if len(whose) == 1 else "")
-    owners = {radio: next(iter(of)) for radio, of in measuring.items() if len(of) == 1 and "" not in of}
-    counts = Counter(owners.values())
-    return {radio: user for radio, user in owners.items() if counts[user] <= _RADIOS}
 
 
 _USUAL = re.compile(

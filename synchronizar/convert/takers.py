@@ -10,28 +10,18 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.convert.asked import LENGTH_UNITS, Asked
-from synchronizar.convert.fields import Items, Topic, numbers_at, stamp_of
-from synchronizar.convert.guess import PoseRole, RangeRole, kind_of
+from synchronizar.convert.fields import Items, Topic, stamp_of
+from synchronizar.convert.guess import PoseRole, RangeRole
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.message_clock import MessageClock
+from synchronizar.convert.reading import PoseReader, RangeReader, likely_unit, pose_numbers
 from synchronizar.convert.surveyed import add_surveyed
-from synchronizar.convert.transforms import Transforms
+from synchronizar.convert.transforms import Transforms, transform_of
 
 Decode = Callable[[], Any]
 """Makes a message of its bytes."""
-LONGEST_RANGE = 300.0
-"""m: numbers of which most are larger are millimetres."""
 _PATH_EVERY_S = 1.0
 """Paths are sent whole again and again: one of them in so long, and the last, say all."""
-
-
-def _pose_numbers(role: PoseRole, path: str) -> Callable[[Any], tuple[Any, ...]]:
-    """Of a message, or of an item of its list: x y z qx qy qz qw."""
-    within = f"{role.path.partition('[]')[0]}[].{path}" if role.is_path else path
-    dot, below = (f"{path}." if path else ""), (f"{within}." if within else "")
-    named = role.topic.has(f"{below}position.x")
-    place, turn = ("position", "orientation") if named else ("translation", "rotation")
-    return numbers_at([*(f"{dot}{place}.{x}" for x in "xyz"), *(f"{dot}{turn}.{x}" for x in "xyzw")])
 
 
 class Poses:
@@ -39,16 +29,15 @@ class Poses:
 
     def __init__(self, role: PoseRole) -> None:
         self.role, self.topic = role, role.topic.name
-        self._pose = _pose_numbers(role, role.path)
-        self._stamp = None if role.time == "log" else Items(role.time)
         self.logged, self.own, self._poses = array("d"), array("d"), array("d")
+        self._reader = PoseReader(role)
 
     def take(self, logged: float, decode: Decode) -> None:
         """Take a message."""
         message = decode()
-        self._poses.extend(self._pose(message))
+        self._poses.extend(self._reader.pose(message))
         self.logged.append(logged)
-        self.own.append(np.nan if self._stamp is None else stamp_of(self._stamp(message)))
+        self.own.append(self._reader.stamp(message))
 
     def rows(self, clock: MessageClock) -> Array:
         """(n, 8) t x y z qx qy qz qw."""
@@ -64,7 +53,7 @@ class Paths:
     def __init__(self, role: PoseRole) -> None:
         self.role, self.topic = role, role.topic.name
         before, _, after = role.path.partition("[]")
-        self._items, self._pose = Items(before), _pose_numbers(role, after.lstrip("."))
+        self._items, self._pose = Items(before), pose_numbers(role, after.lstrip("."))
         self._stamp = Items(role.time.partition("[]")[2].lstrip("."))
         self.logged, self.own = array("d"), array("d")
         self._rows = np.empty((0, 8))
@@ -102,53 +91,29 @@ class Paths:
 
 
 class Ranges:
-    """The ranges of a topic; a message may hold several."""
+    """The ranges of a topic."""
 
     def __init__(self, role: RangeRole) -> None:
-        self.role = role
-        self._stamp = None if role.time == "log" else Items(role.time)
-        self._value = Items(role.value)
-        self._a, self._b = _end(role.a), _end(role.b)
-        self._optional = {name: Items(path) for name, path in role.optional.items()}
+        self.role, self.topic = role, role.topic.name
         self.logged, self.own = array("d"), array("d")
         self.distance = array("d")
         self.a: list[str] = []
         self.b: list[str] = []
-        self.optional: dict[str, list[Any]] = {name: [] for name in self._optional}
-        self.empty = 0
-        self._place = None if role.place is None else tuple(map(Items, role.place))
-        self.places: dict[str, tuple[float, float, float]] = {}
-        """m: where `b` was surveyed to be, as messages say it."""
-        self._indexed = "anchor" if "tag" in role.topic.type.lower() else ""
-
-    @property
-    def topic(self) -> str:
-        """Its name."""
-        return self.role.topic.name
+        self.optional: dict[str, list[Any]] = {name: [] for name in role.optional}
+        self._reader = RangeReader(role)
 
     def take(self, logged: float, decode: Decode) -> None:
         """Take a message."""
         message = decode()
-        own = np.nan if self._stamp is None else stamp_of(self._stamp(message))
-        values = self._value(message)
-        several = values if self._value.is_list else [values]
-        a, b = self._a(message), self._b(message)
-        optional = {name: of(message) for name, of in self._optional.items()}
-        for k, value in enumerate(several):
-            distance = float(value)
-            if distance == 0.0 and self.role.topic.type != "sensor_msgs/Range":
-                self.empty += 1
-                continue
+        own = self._reader.stamp(message)
+        for distance, a, b, optional in self._reader.ranges(message):
             self.logged.append(logged)
             self.own.append(own)
             self.distance.append(distance)
-            self.a.append(_item(a, k, ""))
-            self.b.append(_item(b, k, self._indexed))
-            for name, of in optional.items():
-                self.optional[name].append(of[k] if isinstance(of, list) and k < len(of) else of)
-            if self._place is not None:
-                x, y, z = (of(message) for of in self._place)
-                self.places[self.b[-1]] = (x[k], y[k], z[k]) if isinstance(x, list) else (x, y, z)
+            self.a.append(a)
+            self.b.append(b)
+            for name, value in optional.items():
+                self.optional[name].append(value)
 
     def add_to(self, imported: Imported, t: Array, asked: Asked) -> None:
         """Add them, in metres."""
@@ -165,12 +130,15 @@ class Ranges:
         self._survey(imported)
         for name in ("antenna_a", "antenna_b"):
             getattr(ranges, name).extend(map(str, self.optional.get(name, [""] * n)))
-        if self.empty:
-            imported.note(f"{self.empty} distances of 0 in {self.role.topic.name} are no measurements and left out")
+        if self._reader.empty:
+            what = f"{self._reader.empty} distances of 0 in {self.topic}"
+            imported.note(f"{what} are no measurements and left out")
 
     def _survey(self, imported: Imported) -> None:
         """Places of anchors, but those of devices with tracks."""
-        add_surveyed(imported, {name: place for name, place in self.places.items() if name not in imported.tracks})
+        add_surveyed(
+            imported, {name: place for name, place in self._reader.places.items() if name not in imported.tracks}
+        )
 
     def _metres(self, imported: Imported, asked: Asked) -> float:
         name, value = self.role.topic.name, self.role.value
@@ -178,11 +146,7 @@ class Ranges:
             return LENGTH_UNITS[asked.range_unit]
         unit = self.role.unit
         if unit is None:
-            known = np.abs(np.array(self.distance))
-            known = known[np.isfinite(known)]
-            is_integer = kind_of(self.role.topic, value) == "integer"
-            unit = "mm" if is_integer or (len(known) and np.median(known) > LONGEST_RANGE) else "m"
-            why = "integers" if is_integer else f"{np.median(known):.6g} in the median" if len(known) else "none"
+            unit, why = likely_unit(self.role, self.distance)
             imported.note(f"{value} in {name} is taken to be in {unit} ({why}; --range-unit says otherwise)")
         return LENGTH_UNITS[unit]
 
@@ -194,51 +158,11 @@ class Frames:
         self._frames, self._is_static = frames, topic.name.rstrip("/").endswith("tf_static")
         self._space = topic.name.strip("/").rpartition("/")[0]
         self._items = Items("transforms") if topic.has("transforms") else None
-        within = "transforms[]." if self._items is not None else ""
-        self._ends = numbers_at(["header.frame_id", "child_frame_id"])
-        place, stamp = "transform.", "header.stamp"
-        if topic.has(f"{within}parent_frame_id"):
-            self._ends = numbers_at(["parent_frame_id", "child_frame_id"])
-            place, stamp = "", "timestamp"
-        self._pose = numbers_at(
-            [*(f"{place}translation.{x}" for x in "xyz"), *(f"{place}rotation.{x}" for x in "xyzw")]
-        )
-        self._stamp = None if asked.stamps == "log" else Items(stamp)
+        self._by_log = asked.stamps == "log"
 
     def take(self, logged: float, decode: Decode) -> None:
         """Take a message."""
         message = decode()
         for item in [message] if self._items is None else self._items(message):
-            stamp = logged if self._stamp is None else stamp_of(self._stamp(item)) or logged
-            parent, child = (f"{self._space}/{end.strip('/')}".strip("/") for end in self._ends(item))
-            self._frames.add(parent, child, stamp, self._pose(item), self._is_static)
-
-
-def _end(end: str) -> Callable[[Any], Any]:
-    """A function of a message: a name, or one for each item."""
-    if end == "#":
-        return lambda _: "#"
-    if end.startswith("="):
-        return lambda _: end[1:]
-    items = Items(end)
-
-    def names(message: Any) -> Any:
-        value = items(message)
-        return [_name(v) for v in value] if items.is_list else _name(value)
-
-    return names
-
-
-def _name(value: Any) -> str:
-    """A device's name out of a field: 7 of 7.0, and no slash at the ends of a frame."""
-    if isinstance(value, float) and value.is_integer():
-        value = int(value)
-    return str(value).strip().strip("/").replace("/", "_")
-
-
-def _item(of: Any, k: int, indexed: str) -> str:
-    if of == "#":
-        return f"{indexed}{k}"
-    if isinstance(of, list):
-        return str(of[k]) if k < len(of) else "?"
-    return str(of)
+            transform = transform_of(self._space, logged, item)
+            self._frames.put(transform._replace(stamp=logged) if self._by_log else transform, self._is_static)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.convert.fields import stamp_of
 from synchronizar.data.track import interpolated
 from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, rotate_by_quaternions
 
@@ -49,19 +50,61 @@ class FrameTrack(NamedTuple):
     parent: str
     rows: Array
     """(n, 8) t x y z qx qy qz qw."""
+    chain: tuple[str, ...]
+    """Frames from the body up to the parent."""
+    leading: int
+    """Which frame of the chain moves most often in the one above it."""
+
+
+class StampedTransform(NamedTuple):
+    """A transform of a message."""
+
+    parent: str
+    child: str
+    stamp: float
+    """s: when it was logged, where it has no stamp of its own."""
+    pose: tuple[float, ...]
+    """x y z qx qy qz qw of the child in the parent."""
+
+
+def transform_of(space: str, logged: float, transform: Any) -> StampedTransform:
+    """One transform of a message: ROS's, as an object or JSON, or Foxglove's; `space`: its topic's namespace."""
+    if isinstance(transform, Mapping) and "parent_frame_id" in transform:
+        parent, child = transform["parent_frame_id"], transform["child_frame_id"]
+        p, q, stamp = transform["translation"], transform["rotation"], stamp_of(transform["timestamp"])
+    elif isinstance(transform, Mapping):
+        parent, child = transform["header"]["frame_id"], transform["child_frame_id"]
+        p, q = transform["transform"]["translation"], transform["transform"]["rotation"]
+        stamp = stamp_of(transform["header"]["stamp"])
+    elif hasattr(transform, "parent_frame_id"):
+        parent, child = transform.parent_frame_id, transform.child_frame_id
+        p, q, stamp = transform.translation, transform.rotation, stamp_of(transform.timestamp)
+    else:
+        parent, child = transform.header.frame_id, transform.child_frame_id
+        p, q, stamp = transform.transform.translation, transform.transform.rotation, stamp_of(transform.header.stamp)
+    if isinstance(p, Mapping):
+        pose = (p["x"], p["y"], p["z"], q["x"], q["y"], q["z"], q["w"])
+    else:
+        pose = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+    parent, child = (f"{space}/{name.strip('/')}" if space else name.strip("/") for name in (parent, child))
+    return StampedTransform(parent, child, stamp or logged, pose)
 
 
 class Transforms:
-    """All transforms of a file."""
+    """All transforms of a file; frames of topics in a namespace are that namespace's own."""
 
     def __init__(self) -> None:
         self._edges: dict[str, dict[str, _Edge]] = {}
 
-    def add(self, parent: str, child: str, t: float, pose: Sequence[float], is_static: bool) -> None:
-        """Take one transform: x y z qx qy qz qw of a child in its parent at t (s)."""
-        edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge(is_static))
-        edge.t.append(t)
-        edge.poses.extend(pose)
+    def add(self, space: str, logged: float, transform: Any, is_static: bool) -> None:
+        """Take one transform of a message."""
+        self.put(transform_of(space, logged, transform), is_static)
+
+    def put(self, transform: StampedTransform, is_static: bool) -> None:
+        """Take a transform."""
+        edge = self._edges.setdefault(transform.child, {}).setdefault(transform.parent, _Edge(is_static))
+        edge.t.append(transform.stamp)
+        edge.poses.extend(transform.pose)
 
     def tracks(self) -> list[FrameTrack]:
         """Of each device one: its likeliest body in the frame above it that is its own."""
@@ -81,9 +124,9 @@ class Transforms:
             user = _user(child, name if rank == len(BODIES) else "")
             if user in found and ranks[user] <= rank:
                 continue
-            track = self._composed(child, chain)
+            track = self._composed(user, child, chain)
             if track is not None:
-                found[user], ranks[user] = FrameTrack(user, *track), rank
+                found[user], ranks[user] = track, rank
         return list(found.values())
 
     def _parents(self) -> set[str]:
@@ -106,13 +149,14 @@ class Transforms:
             moves = [k for k, (_, edge) in enumerate(chain) if not edge.is_static]
         return chain
 
-    def _composed(self, child: str, chain: list[tuple[str, _Edge]]) -> tuple[str, str, Array] | None:
+    def _composed(self, user: str, child: str, chain: list[tuple[str, _Edge]]) -> FrameTrack | None:
         """The body's poses in the last frame of a chain, at the stamps of what moves most often in it."""
         edges = [edge.arrays() for _, edge in chain]
         moving = [k for k, (_, edge) in enumerate(chain) if not edge.is_static]
         if not moving or any(not len(t) for t, _ in edges):
             return None
-        stamps = edges[max(moving, key=lambda k: len(edges[k][0]))][0]
+        leading = max(moving, key=lambda k: len(edges[k][0]))
+        stamps = edges[leading][0]
         position, quat = np.zeros((len(stamps), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1))
         known = np.ones(len(stamps), dtype=bool)
         for (_, edge), (t, poses) in zip(chain, edges, strict=True):
@@ -124,7 +168,8 @@ class Transforms:
                 known &= at.valid
             position = p + rotate_by_quaternions(q, position)
             quat = multiply_quaternions(q, quat)
-        return child, chain[-1][0], np.column_stack([stamps, position, quat])[known]
+        rows, names = np.column_stack([stamps, position, quat])[known], (child, *(parent for parent, _ in chain))
+        return FrameTrack(user, child, names[-1], rows, names, leading)
 
 
 def _user(child: str, name: str) -> str:
