@@ -169,8 +169,10 @@ class PriorParameters:
 
     height_sigma: float = 0.15
     """m, 1 sigma: how far a SLAM origin may lie above or below the others'. People start it in their hands."""
-    height_dof: float = 8.0
-    """Degrees of freedom of Student's t: most are where they say, a robot's or one on a stand is not."""
+    usual_height_share: float = 0.95
+    """Probability that a device starts so, and not on a robot or a stand, or in the hands of who sits: ..."""
+    other_height_sigma: float = 1.0
+    """m, 1 sigma: ... then it may lie so far above or below the others."""
     static_height_sigma: float = 3.0
     """m: the same of a static radio, on the floor, on a shelf, under the roof."""
     highest_begin: float = 20.0

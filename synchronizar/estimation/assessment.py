@@ -49,22 +49,22 @@ class Assessment(NamedTuple):
 
 def assess(
     optima: list[LocalOptimum],
-    relative: Callable[[LocalOptimum], Array],
+    spread: Callable[[LocalOptimum], tuple[Array, float]],
     systematic: Collection[int],
     registered: Collection[int] = (),
     duration: float = np.inf,
 ) -> Assessment:
     """The assessment of optima, best first, of the same problem.
 
-    `relative` gives an optimum's covariances (k, 4, 4) beside the reference. `systematic` are users whose residuals are
-    no noise. Users that are `registered` already stay so up to a higher probability of being wrong. Judged is where the
-    last `duration` s of each walk would lie.
+    `spread` gives an optimum's covariances (k, 4, 4) beside the reference and its log volume. `systematic` are users
+    whose residuals are no noise. Users that are `registered` already stay so up to a higher probability of being wrong.
+    Judged is where the last `duration` s of each walk would lie.
     """
     best = optima[0]
     graph, states, parameters = best.graph, best.states, best.graph.parameters
     robust, inlier_probability = graph.inlier_probability(states, best.em_weights)
     extent = _extent_about_last(graph, states, duration)
-    found = hypotheses(optima, relative, extent, parameters)
+    found = hypotheses(optima, spread, extent, parameters)
     rejected = np.array([_rejected(graph.measurements, inlier_probability, u) for u in range(len(graph.users))])
     progress = np.full(len(graph.users), np.nan)
     for u in graph.free:
@@ -104,10 +104,11 @@ def assess_calibrated(
     graph, parameters = best.graph, best.graph.parameters
     own = marginals(graph, best.states, best.em_weights)
 
-    def relative(s: LocalOptimum) -> Array:
-        return (own if s is best else marginals(s.graph, s.states, s.em_weights)).relative
+    def spread(s: LocalOptimum) -> tuple[Array, float]:
+        of = own if s is best else marginals(s.graph, s.states, s.em_weights, bent=1)
+        return of.relative, of.log_volume
 
-    assessed = assess(optima, relative, (), registered, duration)
+    assessed = assess(optima, spread, (), registered, duration)
     static = np.array([user.static for user in graph.users])
     not_there = static[:, None] & (np.arange(3) != BIAS)
     usual = own.calibrations.copy()
@@ -118,17 +119,16 @@ def assess_calibrated(
     surveyed = graph.problem.surveyed
     level = graph.mean_height(best.states.anchor_poses, best.em_weights.height_weight)
     heights = height_of - (level if surveyed.any() else height_of[graph.reference])
+    sigmas = np.where(graph.held_as_usual, graph.height_sigma, graph.other_height_sigma)
     found: list[Verdict | None] = []
     for u, verdict in enumerate(assessed.verdicts):
         if verdict is not None:
             verdict = with_calibration(verdict, usual[u], parameters)
             if not surveyed.any():
-                sigma = float(np.sqrt(graph.prior_variances(u)[2]))
+                sigma = float(np.hypot(sigmas[u], sigmas[graph.reference]))
                 verdict = with_height(verdict, float(heights[u]), sigma, parameters)
             elif u != graph.reference and not surveyed[u]:
-                verdict = with_height(
-                    verdict, float(heights[u]), float(graph.height_sigma[u]), parameters, "the others'"
-                )
+                verdict = with_height(verdict, float(heights[u]), float(sigmas[u]), parameters, "the others'")
         found.append(verdict)
     # States are judged beside the reference as it is now, errors told in the frame of its first pose: what the optima
     # differ by adds to both.

@@ -19,9 +19,12 @@ from synchronizar.estimation.local_optima import (
     BETTER,
     by_cost,
     compare,
+    images,
+    is_at_other_heights,
     nlos_share,
     other_heights,
     other_places,
+    otherwise_held,
     refine,
     with_devices_trusted,
     with_measured_weights,
@@ -42,6 +45,7 @@ from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_rel
 from synchronizar.progress import Progress, stage, unheard
 from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternion
 
+_HEIGHT_ROUNDS = 3  # in each of which one device may prove to be held otherwise
 _ROUNDS = 4  # of expectation maximisation once priors are measured
 
 
@@ -151,7 +155,8 @@ def solve(
     minima, noise = _refined(problem, repaired_tracks, found, heights)
     progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
-        minima, noise = _refined(problem, repaired_tracks, [minima[1], *found], heights)
+        found = [*minima[1:], *found]
+        minima, noise = _refined(problem, repaired_tracks, found, heights)
     return Solved(minima, noise, searched)
 
 
@@ -163,9 +168,10 @@ def _refined(
     All of them with priors of calibrations as wide as the ranges make likely (`calibration_priors`), and with the step
     noise that they show of each device (`step_noise`). `heights` (k,) m were found before.
     """
+    first = found[0]
     interval, finest = coarse_interval(problem), problem.parameters.slam.keyframe_interval
-    usual = found[0].graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval))
-    best = with_devices_trusted(with_noise_alone(with_measured_weights(found[0]._replace(graph=usual))))
+    usual = first.graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval))
+    best = with_devices_trusted(with_noise_alone(with_measured_weights(first._replace(graph=usual))))
     graph = with_measured_priors(best.graph, best.states, best.em_weights)
     priors = graph.calibration_priors
     best = graph.run_em(best.states, best.em_weights, _ROUNDS)
@@ -174,18 +180,35 @@ def _refined(
     fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
-    others = other_heights(best, heights)
+    best, others = _likeliest_held(best)
+    others += other_heights(best, heights)
     if nlos_share(best) > problem.parameters.search.doubtful_share:
         others += other_places(best)
     better = min(others, key=by_cost, default=best)
     if better.cost < best.cost - BETTER:
-        found, others = [better, *found[1:]], [s for s in (best, *others) if s is not better]
-        best = better
-    best, *others = compare(found, refine(best, PoseGraph(problem, fine).with_calibration_priors(priors)), others)
+        best, others = better, [best, *(s for s in others if s is not better)]
+    if is_at_other_heights(best, first):
+        others += images(best)
+    most = best.cost + problem.parameters.integrity.cost_excluded_nlos
+    found, others = [best, *found[1:]], [s for s in others if s.cost < most]
+    graph = PoseGraph(problem, fine).with_calibration_priors(priors).with_held_as_usual(best.graph.held_as_usual)
+    best, *others = compare(found, refine(best, graph), others)
     told = keyframes_of_all(problem, repaired_tracks, interval, noise.told)
     minima = [s._replace(graph=s.graph.with_keyframes(told)) for s in others]
     told = keyframes_of_all(problem, repaired_tracks, finest, noise.told)
     return [best._replace(graph=best.graph.with_keyframes(told)), *minima], noise.told
+
+
+def _likeliest_held(best: LocalOptimum) -> tuple[LocalOptimum, list[LocalOptimum]]:
+    """The optimum in which devices are held as the ranges make likely, and others in which one of them is not."""
+    others: list[LocalOptimum] = []
+    for _ in range(_HEIGHT_ROUNDS):
+        others += otherwise_held(best)
+        better = min(others, key=by_cost, default=best)
+        if better.cost > best.cost - BETTER:
+            break
+        best, others = better, [best, *(s for s in others if s is not better)]
+    return best, others
 
 
 def keyframes_of_all(

@@ -54,6 +54,10 @@ class _Optimum(Protocol):
     """A local optimum of the rigid or the full model."""
 
     @property
+    def held_as_usual(self) -> Mask:
+        """(k,) whether each device starts at the usual height."""
+
+    @property
     def frames(self) -> Array:
         """(k, 4) x, y, z (m), yaw (rad)."""
 
@@ -66,37 +70,43 @@ M = TypeVar("M", bound=_Optimum)
 
 
 def hypotheses(
-    minima: Sequence[M], covariances: Callable[[M], Array], extent: Array, parameters: Parameters
+    minima: Sequence[M], spread: Callable[[M], tuple[Array, float]], extent: Array, parameters: Parameters
 ) -> list[Hypothesis]:
-    """Local optima (best first) grouped into hypotheses; `covariances` returns the (k, 4, 4) of an optimum.
+    """Local optima (best first) grouped into hypotheses.
 
+    `spread` returns the covariances (k, 4, 4) of an optimum, and the logarithm of how much room it has beside others.
     `extent` (k, c, 3) m are the extent points of each user's track in its own frame. Optima that move none of them by
     `parameters.integrity.largest_error` or more are one hypothesis.
     """
     groups: list[list[M]] = []
-    for s in minima:
+    for s in _distinct(minima):
         for group in groups:
             if np.nanmax(moved(s.frames, group[0].frames, extent)) < parameters.integrity.largest_error:
                 group.append(s)
                 break
         else:
             groups.append([s])
-    distinct = [_merge([_laplace(s, covariances) for s in _distinct(group)]) for group in groups]
+    distinct = [_merge([_laplace(s, spread) for s in group]) for group in groups]
     return distinct if len(distinct) == 1 else _pool(distinct, extent, parameters)
 
 
-def _distinct(group: list[M]) -> list[M]:
-    """The optima without those within `SAME` of a better one."""
-    out = group[:1]
-    for s in group[1:]:
-        if all(np.nanmax(np.abs(difference(s.frames, d.frames))) > SAME for d in out):
+def _distinct(optima: Sequence[M]) -> list[M]:
+    """The optima without those within `SAME` of a better one whose devices are held alike."""
+    out: list[M] = []
+    for s in optima:
+        if not any(
+            np.array_equal(s.held_as_usual, d.held_as_usual)
+            and np.nanmax(np.abs(difference(s.frames, d.frames))) < SAME
+            for d in out
+        ):
             out.append(s)
     return out
 
 
-def _laplace(s: M, covariances: Callable[[M], Array]) -> tuple[float, GaussianComponent]:
-    """The cost of an optimum, and the Gaussian about it."""
-    return s.cost, GaussianComponent(1.0, s.frames, covariances(s))
+def _laplace(s: M, spread: Callable[[M], tuple[Array, float]]) -> tuple[float, GaussianComponent]:
+    """The cost of an optimum beside its volume, and the Gaussian about it."""
+    covariances, log_volume = spread(s)
+    return s.cost - log_volume, GaussianComponent(1.0, s.frames, covariances)
 
 
 def _merge(gaussians: list[tuple[float, GaussianComponent]]) -> Hypothesis:

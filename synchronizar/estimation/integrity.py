@@ -72,10 +72,18 @@ def verdicts(
     """
     best = found[0]
     apart, in_plane = np.zeros(len(graph.users)), np.zeros(len(graph.users))
-    for other in found[1:]:
-        apart = np.fmax(apart, moved(best.frames, other.frames, extent))
+    # Evidence tells heights apart; what may be mirror images of straight walks is not told by it, however unlikely.
+    share = np.exp([best.cost - hypothesis.cost for hypothesis in found])
+    share /= share.sum()
+    higher, above = np.zeros(len(graph.users)), np.zeros(len(graph.users))
+    for of_other, other in zip(share[1:].tolist(), found[1:], strict=True):
+        off = moved(best.frames, other.frames, extent)
         level = np.where(np.arange(4) == _Z, best.frames, other.frames)
-        in_plane = np.fmax(in_plane, moved(best.frames, level, extent))
+        off_plane = moved(best.frames, level, extent)
+        in_height = off_plane <= parameters.integrity.largest_error
+        apart, in_plane = np.fmax(apart, np.where(in_height, 0.0, off)), np.fmax(in_plane, off_plane)
+        above = np.fmax(above, off)
+        higher += np.where(in_height & (off > parameters.integrity.largest_error), of_other, 0.0)
     out: list[Verdict | None] = [None] * len(graph.users)
     reference = graph.reference
     out[reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
@@ -90,6 +98,8 @@ def verdicts(
             if own > 0.5 * of and not (name == "yaw" and graph.users[u].static)
         )
         wrong_share = parameters.integrity.wrong_share_kept if u in registered else parameters.integrity.wrong_share
+        if higher[u] > wrong_share:
+            apart[u] = max(apart[u], above[u])
         state, reason, direction = _state(best, u, graph.users[u].static, extent[u], wrong_share, parameters)
         if rejected[u] > (0.5 if u in systematic else parameters.integrity.largest_rejected):
             reason = f"{rejected[u]:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"

@@ -29,6 +29,7 @@ _MOST_PLACES = 3  # of one user beside all the others that are optimised
 _ELSEWHERE = 0.3  # m and rad: by so much they differ from where it is
 _DRAWN_SIGMAS = (2.0, 4.0)  # of heights: from priors so many times as wide
 _DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
+_PINNED_STEPS = 3
 _SAME_HEIGHT = 0.1  # m
 _NOISIER = 2.0  # in range weights: less is no difference
 _TRUSTED_STEPS = 2
@@ -155,6 +156,24 @@ def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator
             yield states._replace(anchor_poses=frames)
 
 
+def is_at_other_heights(optimum: LocalOptimum, other: LocalOptimum) -> bool:
+    """Whether mirror images of another optimum have not the heights of this one."""
+    off = (optimum.states.anchor_poses - other.states.anchor_poses)[optimum.graph.free, 2]
+    return bool((np.abs(off) > _SAME_HEIGHT).any())
+
+
+def images(optimum: LocalOptimum) -> list[LocalOptimum]:
+    """Mirror images of an optimum with measured weights, which explain the ranges by the same heights as it does."""
+    out: list[LocalOptimum] = []
+    most = optimum.cost + optimum.graph.parameters.search.hopeless_cost
+    for states in _mirror_images(optimum, [optimum]):
+        known = [other.frames for other in (optimum, *out)]
+        image = optimum.graph.run_em(states, optimum.em_weights, _FIRST_ROUNDS)
+        if image.cost < most and not image.graph.is_known(image.states, known):
+            out.append(image)
+    return out
+
+
 def _rigid(optimum: LocalOptimum) -> tuple[RigidGraph, Array]:
     """The graph in which the frames alone are free at these walks, and the NLOS odds (n,) of its ranges."""
     graph = optimum.graph
@@ -275,26 +294,65 @@ def other_heights(optimum: LocalOptimum, begun: Sequence[Array] = ()) -> list[Lo
     heights would explain. So SLAM's own heights begin anew, and a few steps are made with all that is free.
     """
     graph, states, em_weights = optimum.graph, optimum.states, optimum.em_weights
-    flat = [
-        np.column_stack([at[:, :2], of_user.place[:, 2], at[:, 3]])
-        for at, of_user in zip(states.keyframe_poses, graph.keyframes, strict=True)
-    ]
+    begin = _with_slam_heights(optimum)
     found: list[LocalOptimum] = []
     known = [states.anchor_poses[graph.free, 2]]
     for frames in _begun_heights(optimum, begun):
-        begin = states._replace(anchor_poses=frames, keyframe_poses=flat)
         # A height far from the others' is one that the prior holds but loosely.
-        height_weight, _ = graph.height_weights(frames)
-        loose = replace(em_weights, height_weight=height_weight)
-        near = graph.optimised(begin, states.anchor_poses, loose, 1.0, _DRAWN_STEPS, _DRAWN_GAIN)
+        near = graph.optimised(
+            begin._replace(anchor_poses=frames), states.anchor_poses, em_weights, 1.0, _DRAWN_STEPS, _DRAWN_GAIN
+        )
         heights = near.anchor_poses[graph.free, 2]
         if any(np.abs(heights - others).max() < _SAME_HEIGHT for others in known):
             continue
         known.append(heights)
-        other = graph.run_em(near, loose, _FIRST_ROUNDS)
-        if other.cost < optimum.cost + graph.parameters.integrity.cost_excluded_nlos:
-            found.append(other)
+        found.append(graph.run_em(near, em_weights, _FIRST_ROUNDS))
     return found
+
+
+def _with_slam_heights(optimum: LocalOptimum) -> States:
+    """The states with the walks' own heights as SLAM has them."""
+    walks = [
+        np.column_stack([at[:, :2], of_user.place[:, 2], at[:, 3]])
+        for at, of_user in zip(optimum.states.keyframe_poses, optimum.graph.keyframes, strict=True)
+    ]
+    return optimum.states._replace(keyframe_poses=walks)
+
+
+def otherwise_held(optimum: LocalOptimum) -> Iterator[LocalOptimum]:
+    """Optima beside one with measured weights in which one device is held as usual and is not in that, or the reverse.
+
+    Each device that is held as usual is put as much higher, and lower, as others are. Where ranges exclude that, all
+    else at its best, it is not looked at any further.
+    """
+    begin = _with_slam_heights(optimum)
+    graph, frames, em_weights = optimum.graph, optimum.states.anchor_poses, optimum.em_weights
+    level = graph.mean_height(frames, em_weights.height_weight)
+    those = [u for u in graph.active_users if graph.other_height_sigma[u] > graph.height_sigma[u]]
+    if len(those) <= 2 and graph.reference in those:  # which of the two it is makes no difference
+        those.remove(graph.reference)
+    most = optimum.cost + graph.parameters.integrity.cost_excluded_nlos
+    for u in those:
+        usual = graph.held_as_usual.copy()
+        usual[u] = not usual[u]
+        held, sigma = graph.with_held_as_usual(usual), float(graph.other_height_sigma[u])
+        known: list[LocalOptimum] = []
+        for above in (0.0,) if usual[u] else (sigma, -sigma):
+            there = frames.copy()
+            there[u, 2] = level + above
+            there[:, 2] -= there[graph.reference, 2]
+            height_weight, _ = held.height_weights(there)
+            weights, near = replace(em_weights, height_weight=height_weight), begin._replace(anchor_poses=there)
+            if above:
+                moved = [v for v in those if v != u] if u == graph.reference else [u]
+                pinned = held.with_pinned_heights(there[:, 2], moved)
+                near = pinned.optimised(near, frames, weights, 1.0, _PINNED_STEPS, _DRAWN_GAIN)
+                if held.e_step(near, weights)[1] > most:
+                    continue
+            other = held.run_em(near, weights, _FIRST_ROUNDS)
+            if not any(np.abs(other.frames - one.frames)[graph.free, 2].max() < _SAME_HEIGHT for one in known):
+                known.append(other)
+        yield from known
 
 
 def _begun_heights(optimum: LocalOptimum, begun: Sequence[Array]) -> Iterator[Array]:
@@ -379,7 +437,8 @@ def not_excluded(best: LocalOptimum, others: Sequence[LocalOptimum]) -> list[Loc
     Where people walk straight lines, ranges do not distinguish a placement from its mirror image: what drift has bent
     favours one or the other, as the ranges' noise will have it. The difference of the two costs is then normal about 0,
     with the norm of the difference of their whitened residuals e as standard deviation: a cost's derivative by the
-    ranges' noise is -e (envelope theorem). An optimum is excluded where the difference is no such chance.
+    ranges' noise is -e (envelope theorem). An optimum is excluded where the difference is no such chance. Of optima
+    that differ in heights alone no walk is a mirror image, and the evidence decides.
     """
     limits = best.graph.parameters.integrity
     nlos = nlos_share(best) > best.graph.parameters.search.doubtful_share
@@ -387,11 +446,14 @@ def not_excluded(best: LocalOptimum, others: Sequence[LocalOptimum]) -> list[Loc
     own = _scores(best)
     root = np.sqrt(best.em_weights.range_weight)
     by_chance = [float(np.linalg.norm(root * (_scores(s) - own))) for s in others]
-    return [
-        s
-        for s, sigma in zip(others, by_chance, strict=True)
-        if s.cost - best.cost <= max(least, limits.cost_excluded_sigmas * sigma)
-    ]
+    here, out = best.frames, []
+    for s, sigma in zip(others, by_chance, strict=True):
+        off = np.abs(difference(s.frames, here))
+        level = np.nanmax(np.hypot(off[:, 0], off[:, 1])) < limits.largest_error
+        level = level and np.nanmax(off[:, 3]) < limits.largest_yaw_error
+        if s.cost - best.cost <= (limits.cost_excluded if level else max(least, limits.cost_excluded_sigmas * sigma)):
+            out.append(s)
+    return out
 
 
 def _scores(optimum: LocalOptimum) -> Array:

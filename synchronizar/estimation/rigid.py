@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -40,7 +39,7 @@ def register_rigid(recording: Recording, reference: int, parameters: Parameters,
     optima = [best, *not_excluded(best, others)]
     inflation = _inflation(best)
     systematic = np.flatnonzero(inflation > parameters.integrity.systematic_inflation).tolist()
-    assessed = assess(optima, partial(_inflated, graph=graph, inflation=inflation), systematic)
+    assessed = assess(optima, lambda s: (_inflated(s, graph, inflation), 0.0), systematic)
     survey = recording.users[reference].position
     anchors = anchors + np.outer(raised, [0.0, 0.0, 1.0])
     origin = anchors[reference] if survey is None else np.array(survey)

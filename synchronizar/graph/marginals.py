@@ -11,6 +11,11 @@ from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import SCALE, States
 from synchronizar.preprocessing.range_measurements import mean_by_pair, pair_bounds
 
+_UNDOUBTED = 3.5  # sigmas: whose height is so much better known than the largest error needs no better shape
+_PINNED_STEPS, _PINNED_GAIN = 3, 0.1
+_LEAST_COST = 0.05  # of a height that far off: the optimum is one
+_REACH = 4.0  # of the quartic, in such steps or sigmas
+
 
 class Marginals(NamedTuple):
     """Marginal covariances of the last keyframes and calibrations; NaN for users that are not active."""
@@ -24,6 +29,8 @@ class Marginals(NamedTuple):
     """(k, 6, k, 6) joint covariance of all users: `poses` on its diagonal, cross-covariances off it."""
     calibrations: Array
     """(k, 3) variances of log scale, bias (m^2) and clock (s^2); NaN where they are no variables."""
+    log_volume: float
+    """The logarithm of how much room the heights have: half that of their covariance's determinant."""
 
 
 class Errors(NamedTuple):
@@ -33,13 +40,18 @@ class Errors(NamedTuple):
     """(5, d) on x, y, z (m), yaw (rad) of the last keyframe, and on log scale."""
     calibrations: dict[int, Array]
     """(3, d) on log scale, bias (m) and clock offset (s)."""
+    heights: Array
+    """(f, d) on the heights of the free users' origins."""
 
 
-def marginals(graph: PoseGraph, states: States, em_weights: EmWeights) -> Marginals:
-    """The marginals at the states, which are to be a local optimum."""
+def marginals(graph: PoseGraph, states: States, em_weights: EmWeights, bent: int | None = None) -> Marginals:
+    """The marginals at the states, which are to be a local optimum.
+
+    Of `bent` heights at most, the least known, or of all, the spread is asked of the costs on either side.
+    """
     k = len(graph.users)
     relative, calibrations = np.full((k, 4, 4), np.nan), np.full((k, 3), np.nan)
-    errors, of_calibrations = _errors(graph, states, em_weights)
+    errors, of_calibrations, heights = _errors(graph, states, em_weights, bent)
     now, reference = graph.last_poses(states), graph.reference
     of_poses = np.full((k, 6, errors[reference].shape[1]), np.nan)
     for u in graph.active_users:
@@ -48,10 +60,11 @@ def marginals(graph: PoseGraph, states: States, em_weights: EmWeights) -> Margin
         relative[u] = relative_error @ relative_error.T
         calibrations[u] = (of_calibrations[u] ** 2).sum(axis=1)
     joint = np.tensordot(of_poses, of_poses, axes=(2, 2))
-    return Marginals(joint[np.arange(k), :, np.arange(k)], relative, joint, calibrations)
+    volume = 0.5 * float(np.linalg.slogdet(heights @ heights.T)[1]) if len(heights) else 0.0
+    return Marginals(joint[np.arange(k), :, np.arange(k)], relative, joint, calibrations, volume)
 
 
-def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
+def _errors(graph: PoseGraph, states: States, em_weights: EmWeights, bent: int | None) -> Errors:
     """Square roots of the joint covariance at the states.
 
     Laplace's method: the covariance is the inverse of the cost's second derivatives.
@@ -82,15 +95,17 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights) -> Errors:
         of_last[walks.reference, 2] += by_scale[walks.reference] * of_scale[walks.reference]
     free = [n for n in range(k) if n != walks.reference]
     heights = of_first[free, 2] - by_scale[free, None] * of_scale[free]
-    bent = _negative_curvature(graph, height_curvature)
-    straight = _with_negative_curvature(heights, bent)
-    errors = np.concatenate([of_last, of_scale[:, None]], axis=1) @ straight
+    straight = _with_negative_curvature(heights, _negative_curvature(graph, height_curvature))
+    straight = straight @ _with_bends(graph, states, em_weights, heights @ straight, bent)
     of_calibrations = of_calibrations @ straight
+    errors = np.concatenate([of_last, of_scale[:, None]], axis=1) @ straight
     if graph.calibration_priors.to_told is not None:
         total = _by_calibrations(of_calibrations, graph.calibration_priors.to_told)
         errors, of_calibrations = errors @ total, of_calibrations @ total
     return Errors(
-        {u: errors[n] for n, u in enumerate(walks.users)}, {u: of_calibrations[n] for n, u in enumerate(walks.users)}
+        {u: errors[n] for n, u in enumerate(walks.users)},
+        {u: of_calibrations[n] for n, u in enumerate(walks.users)},
+        heights @ straight,
     )
 
 
@@ -114,6 +129,63 @@ def _with_negative_curvature(heights: Array, negative_curvature: Array) -> Array
     """
     eigenvalues, vectors = np.linalg.eigh(np.eye(heights.shape[1]) + heights.T @ negative_curvature @ heights)
     return np.asarray(vectors / np.sqrt(np.maximum(eigenvalues, 0.1)))
+
+
+def _with_bends(graph: PoseGraph, states: States, em_weights: EmWeights, heights: Array, most: int | None) -> Array:
+    """(d, d): what takes square roots of a covariance to those of it with heights as wide as their costs have them.
+
+    `heights` (f, d) are the square root's rows of the free users' heights. A level walk tells a height by its square,
+    so its cost is no parabola: flat at first, steep further off. Where that matters the cost is asked on either side,
+    all else at its best there, and the height's variance is that of the quartic through both; of `most` heights, the
+    least known. All else follows the height as it does in the graph.
+    """
+    out, limit = np.eye(heights.shape[1]), graph.parameters.integrity.largest_error
+    here: float | None = None
+    for n in np.argsort(-np.linalg.norm(heights, axis=1), kind="stable")[:most].tolist():
+        row = heights[n] @ out
+        sigma = float(np.linalg.norm(row))
+        if sigma < limit / _UNDOUBTED:
+            continue
+        if here is None:
+            here = graph.e_step(states, em_weights)[1]
+        step = min(2.0 * sigma, limit)
+        follow = (heights @ out) @ row / sigma**2
+        above, below = (_cost_at(graph, states, em_weights, n, side * step * follow) - here for side in (1.0, -1.0))
+        along = row / sigma
+        wider = _sigma_of_quartic(sigma, step, above, below) / sigma
+        out = out @ (np.eye(len(row)) + (wider - 1.0) * np.outer(along, along))
+    return out
+
+
+def _cost_at(graph: PoseGraph, states: States, em_weights: EmWeights, n: int, shifts: Array) -> float:
+    """The cost with all free users' heights moved by `shifts` (f,) m and that of the n-th held there, at its best."""
+    frames = states.anchor_poses.copy()
+    frames[graph.free, 2] += shifts
+    pinned = graph.with_pinned_heights(frames[:, 2], [graph.free[n]])
+    there = pinned.optimised(
+        states._replace(anchor_poses=frames), states.anchor_poses, em_weights, 1.0, _PINNED_STEPS, _PINNED_GAIN
+    )
+    return graph.e_step(there, em_weights)[1]
+
+
+def _sigma_of_quartic(sigma: float, step: float, above: float, below: float) -> float:
+    """1 sigma of exp(-c) about 0, where c is x^2 / (2 sigma^2) near 0 and `above` and `below` at x = +-`step`.
+
+    No further than c grows; where c is flatter than that parabola, it is a wider one.
+    """
+    mean = max(0.5 * (above + below), _LEAST_COST)
+    square, cube = 0.5 / sigma**2, 0.5 * (above - below) / step**3
+    fourth = (mean - square * step**2) / step**4
+    if fourth < 0.0:
+        square, fourth = mean / step**2, 0.0
+    x = np.linspace(0.0, _REACH * max(step, sigma), 256)
+    squares = weights = 0.0
+    for side in (cube, -cube):
+        cost = square * x**2 + side * x**3 + fourth * x**4
+        rising = np.concatenate([[True], np.cumsum(np.diff(cost) < 0.0) == 0])
+        density = np.where(rising, np.exp(-cost), 0.0)
+        squares, weights = squares + float(density @ x**2), weights + float(density.sum())
+    return float(np.sqrt(squares / weights))
 
 
 def mean_curvature(graph: PoseGraph, height_curvature: Array) -> Array:

@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from synchronizar._core import NlosMixture, WalkNoise, burst_nlos_odds_of_pairs, mixture_terms
-from synchronizar.arrays import Array, Indices
+from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, difference, wrap_angle
@@ -40,7 +40,7 @@ _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes b
 _GAIN = 0.001  # log likelihood: optimisation stops at a smaller gain, which moves no estimate measurably
 _GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
 _ITERATIONS = 10
-_LEVEL_ROUNDS = 5  # of expectation maximisation by which the origins' mean height is found
+_PINNED = 1e-3  # m
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,11 @@ class LocalOptimum(NamedTuple):
         """(k, 4) x, y, z (m), yaw (rad) of each user's last keyframe in the common frame; the yaw is of SLAM's axes."""
         return self.graph.last_poses(self.states)
 
+    @property
+    def held_as_usual(self) -> Mask:
+        """(k,) whether each device starts at the usual height."""
+        return self.graph.held_as_usual
+
 
 class PoseGraph:
     """The anchored pose graph of a problem's n range measurements at given keyframes. No method changes it."""
@@ -107,6 +112,12 @@ class PoseGraph:
         self.loss: NlosMixture = nlos_mixture(parameters)
         self.height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
         """(k,) m: of each origin about the mean level."""
+        self.other_height_sigma = np.maximum(parameters.priors.other_height_sigma / np.sqrt(2.0), self.height_sigma)
+        """(k,) m: the same of a device that is not held as usual."""
+        self.held_as_usual = np.ones(len(self.users), dtype=bool)
+        """(k,) whether the device starts at the usual height."""
+        self.pinned = np.full(len(self.users), np.nan)
+        """(k,) m: the height that an origin has whatever ranges and prior say; NaN of those who are free."""
         self.survey_sigma = survey_sigmas(self.users, parameters)
         """(k,) m: of each surveyed radio's place, on each axis."""
         self.known_bias_sigma = known_bias_sigmas(self.users, parameters)
@@ -200,6 +211,18 @@ class PoseGraph:
         out.keyframes = keyframes
         return out
 
+    def with_held_as_usual(self, usual: Mask) -> Self:
+        """The same graph with other devices (k,) that start at the usual height."""
+        out = copy(self)
+        out.held_as_usual = usual
+        return out
+
+    def with_pinned_heights(self, heights: Array, users: Sequence[int]) -> Self:
+        """The same graph in which the origins of some users have given heights, (k,) m of all."""
+        out = copy(self)
+        out.pinned = np.where(np.isin(np.arange(len(heights)), users), heights, np.nan)
+        return out
+
     def with_calibration_priors(self, priors: CalibrationPriors) -> Self:
         """The same graph with other priors of calibrations."""
         out = copy(self)
@@ -243,6 +266,9 @@ class PoseGraph:
         about = about.copy()
         about[surveyed, :3] = self.problem.survey[surveyed]
         height = np.where(surveyed, self.survey_sigma, self.height_sigma) / np.sqrt(em_weights.height_weight)
+        place = np.where(surveyed, height, m.priors.place_sigma)
+        pinned = ~np.isnan(self.pinned)
+        about[pinned, 2], height[pinned] = self.pinned[pinned], _PINNED
         weight = np.sqrt(em_weights.calibration_weight)
         of_users = [
             np.vstack([np.ones((1, 3)), self.keyframes[u].step_sigma / np.sqrt(em_weights.step_weight[u])[:, None]])
@@ -253,10 +279,10 @@ class PoseGraph:
             em_weights.range_weight,
             np.concatenate(of_users),
             about[users],
-            np.where(surveyed, height, m.priors.place_sigma)[users],
+            place[users],
             self.yaw_sigma,
             height[users],
-            surveyed[users],
+            (surveyed | pinned)[users],
             own / weight[users],
             self.known_bias_sigma[users],
             common / weight[-1],
@@ -359,13 +385,17 @@ class PoseGraph:
         return np.asarray((weight * states.calibration[self.active_users]).sum(axis=0) / total)
 
     def height_weights(self, frames: Array) -> tuple[Array, float]:
-        """Weights (k,) of the origins' heights about their most likely mean, of surveyed places, and their cost."""
-        weight, cost, users = np.ones(len(self.users)), 0.0, self._on_level
-        squares = np.zeros(len(self.users))
-        for _ in range(_LEVEL_ROUNDS):
-            off = frames[users, 2] - self.mean_height(frames, weight)
-            squares[users] = (off / self.height_sigma[users]) ** 2
-            weight, cost = _student(squares, self.parameters.priors.height_dof, 1)
+        """Weights (k,) of the origins' heights about their most likely mean, of surveyed places, and their cost.
+
+        The cost is that of the heights beside the mean level, whatever that is.
+        """
+        users, share = self._on_level, self.parameters.priors.usual_height_share
+        weight = np.where(self.held_as_usual, 1.0, (self.height_sigma / self.other_height_sigma) ** 2)
+        information = self.height_sigma[users] ** -2.0
+        squares = weight[users] * information * (frames[users, 2] - self.mean_height(frames, weight)) ** 2
+        cost = 0.5 * float(squares.sum() - np.log(weight[users]).sum())
+        cost += 0.5 * float(np.log(weight[users] @ information / information.sum()))
+        cost += float((~self.held_as_usual[users]).sum() * np.log(share / (1.0 - share)))
         surveyed = np.flatnonzero(self.problem.surveyed)
         off_places = frames[surveyed, :3] - self.problem.survey[surveyed]
         of_places = (off_places**2).sum(axis=1) / self.survey_sigma[surveyed] ** 2

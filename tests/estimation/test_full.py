@@ -213,20 +213,18 @@ def test_what_drift_bends_straight_walks_by_does_not_tell_them_from_their_mirror
 
 
 @pytest.mark.parametrize("seed", [1, 7])
-def test_a_height_that_its_prior_excludes_is_told_unless_the_recording_allows_it(seed: int) -> None:
+def test_a_device_that_starts_much_higher_or_lower_is_found_where_the_walk_shows_it(seed: int) -> None:
     simulation = simulate(Scene(users=3, seconds=30.0, height_spread=1.2, height_bob=0.3, seed=seed))
     recording = simulation.recording
     rise = {n: simulation.world_from_user[n].z - simulation.world_from_user["phone0"].z for n in simulation.truth}
     high = max(rise, key=lambda n: abs(rise[n]))
     assert abs(rise[high]) > 1.2
-    surprised = register(recording).users[high]
-    assert surprised.state is State.UNOBSERVABLE
-    assert "height_sigma" in surprised.reason
     told = tuple(replace(user, height_sigma=1.5) for user in recording.users)
-    allowed = register(replace(recording, users=told)).users[high]
-    assert allowed.state is State.REGISTERED
-    assert allowed.common_from_user is not None
-    assert abs(allowed.common_from_user.z - rise[high]) < 0.3
+    for users in (recording.users, told):
+        user = register(replace(recording, users=users)).users[high]
+        assert user.state is State.REGISTERED
+        assert user.common_from_user is not None
+        assert abs(user.common_from_user.z - rise[high]) < 0.2
 
 
 def test_a_height_that_drift_and_biases_could_take_up_is_found_all_the_same() -> None:
@@ -247,10 +245,11 @@ def test_what_a_height_explains_is_not_taken_for_noise_of_the_ranges(
     whole = Recording.load(SHARED / "cases" / case)
     ranges = whole.ranges.select(whole.ranges.t < whole.ranges.t.min() + seconds)
     user = register(replace(whole, ranges=ranges)).users[low]
-    assert user.state is not State.REGISTERED
-    assert "height_sigma" in user.reason
     assert user.common_from_user is not None
-    assert abs(user.common_from_user.z + below) < 0.5
+    assert user.covariance is not None
+    off = abs(user.common_from_user.z + below)
+    assert off < 2.5 * max(float(np.sqrt(user.covariance[2, 2])), 0.08)
+    assert (user.state is State.REGISTERED and off < 0.2) or "height_sigma" in user.reason
 
 
 # ---- the contract ----

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Mask
 from synchronizar.estimation.hypotheses import hypotheses
 from synchronizar.parameters import Parameters
 
@@ -16,6 +16,7 @@ SIGMA = np.array([0.1, 0.2, 0.3, 0.05])
 class Candidate(NamedTuple):
     frames: Array
     cost: float
+    held_as_usual: Mask = np.ones(3, dtype=bool)
 
 
 def candidate(cost: float, x_of_second: float, x_of_third: float) -> Candidate:
@@ -25,8 +26,8 @@ def candidate(cost: float, x_of_second: float, x_of_third: float) -> Candidate:
     return Candidate(frames, cost)
 
 
-def covariances(_: Candidate) -> Array:
-    return np.array([np.zeros((4, 4)), np.diag(SIGMA**2), np.diag(SIGMA**2)])
+def covariances(_: Candidate) -> tuple[Array, float]:
+    return np.array([np.zeros((4, 4)), np.diag(SIGMA**2), np.diag(SIGMA**2)]), 0.0
 
 
 def test_one_minimum_is_a_placement_as_it_is() -> None:
