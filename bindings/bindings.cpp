@@ -431,17 +431,28 @@ NB_MODULE(_core, m) {
           "step_noise",
           [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
              const WalkNoise& noise, const LossKind& loss, const Marks& kept, const Marks& counted,
-             double weight, int rounds) {
+             double weight, const Eigen::MatrixXd& usual, int rounds) {
             check_states(self, places, calibration, noise);
             require(kept.size() == places.rows() && counted.size() == places.rows(),
                     "kept and counted must be (m,)");
+            require(usual.rows() == self.walks().users && usual.cols() == 2, "usual must be (k, 2)");
             for (const int first : self.walks().first) {
               require(first == counted.size() || !counted[first], "no step leads to a user's first keyframe");
             }
             return self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept, counted, weight,
-                                   rounds);
+                                   usual, rounds);
           },
-          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "weight"_a, "rounds"_a);
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "weight"_a, "usual"_a,
+          "rounds"_a)
+      .def(
+          "log_determinant",
+          [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
+             const WalkNoise& noise, const LossKind& loss, const Column& height_curvature) {
+            check_states(self, places, calibration, noise);
+            require(height_curvature.size() == self.walks().measured.size(), "height_curvature must be (n,)");
+            return self.log_determinant({places, calibration}, noise, make_loss(loss, 1.0), height_curvature);
+          },
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "height_curvature"_a);
 
   nb::class_<RigidSolver>(m, "RigidSolver")
       .def(

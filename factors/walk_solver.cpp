@@ -54,6 +54,12 @@ void BorderedEnvelope::solve(Sides& sides) const {
   }
 }
 
+double BorderedEnvelope::log_determinant() const {
+  double out = 0.0;
+  for (int a = 0; a < groups(); ++a) out += 2.0 * block(a, a).diagonal().array().log().sum();
+  return out;
+}
+
 BorderedEnvelope BorderedEnvelope::inverse() const {
   // Takahashi, Fagan and Chin (PICA 1973): from the last group to the first, each from those after it.
   BorderedEnvelope out(sizes_, first_);
@@ -576,9 +582,21 @@ Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise
   return 0.5 * (out + out.transpose());
 }
 
+double WalkSolver::log_determinant(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                   const Column& height_curvature) const {
+  System system = linearized(states, noise, loss, &height_curvature, nullptr);
+  double damping = 1e-12;
+  while (!system.matrix.factorize() && damping < 1.0) {
+    system = linearized(states, noise, loss, &height_curvature);
+    system.matrix.damp(1.0 + damping);
+    damping *= 1e2;
+  }
+  return system.matrix.log_determinant();
+}
+
 Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                        const Marks& kept, const Marks& counted, double weight,
-                                       int rounds) const {
+                                       const Eigen::MatrixXd& usual, int rounds) const {
   // Rows that stay: of keyframes, of users who have any, and of ranges between them.
   std::vector<int> keyframes, users, ranges;
   Numbers new_keyframe = Numbers::Constant(kept.size(), -1);
@@ -636,13 +654,15 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
   // The first keyframe that stays of a user has no step that leads to it.
   Marks its_counted = counted(keyframes);
   for (int u = 0; u < part.users; ++u) its_counted[part.first[u]] = false;
-  out(users, all) = WalkSolver(part).step_noise(here, its, loss, its_counted, weight, rounds);
+  out(users, all) = WalkSolver(part).step_noise(here, its, loss, its_counted, weight, usual(users, all), rounds);
   return out;
 }
 
 Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                       const Marks& counted, double weight, int rounds) const {
+                                       const Marks& counted, double weight, const Eigen::MatrixXd& usual,
+                                       int rounds) const {
   const System others = linearized(states, noise, loss, nullptr, &counted);
+  const Eigen::ArrayXXd prior = weight * usual.array().square();
   Eigen::MatrixXd factors = Eigen::MatrixXd::Ones(walks_.users, 2);
   const auto step_with = [&](int n, double place, double heading) {
     return step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(Vector3(place, 1.0, heading)));
@@ -693,8 +713,8 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
       squares(user_[n], 1) += square[3];
       count[user_[n]] += 1.0;
     }
-    factors.col(0) = ((2.0 * weight + squares.col(0).array()) / (2.0 * (weight + count.array()))).sqrt();
-    factors.col(1) = ((weight + squares.col(1).array()) / (weight + count.array())).sqrt();
+    factors.col(0) = ((2.0 * prior.col(0) + squares.col(0).array()) / (2.0 * (weight + count.array()))).sqrt();
+    factors.col(1) = ((prior.col(1) + squares.col(1).array()) / (weight + count.array())).sqrt();
   }
   return factors;
 }

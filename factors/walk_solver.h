@@ -81,6 +81,9 @@ class BorderedEnvelope {
   using Sides = std::vector<Eigen::MatrixXd>;
   void solve(Sides& sides) const;
 
+  // The logarithm of the determinant; of a decomposition.
+  double log_determinant() const;
+
   // The inverse where there are blocks; of a decomposition.
   BorderedEnvelope inverse() const;
 
@@ -120,10 +123,16 @@ class WalkSolver {
 
   // The most likely factors (k, 2) on each user's step sigmas in place and heading, by `rounds` of
   // expectation maximisation in the system linearised at these states. Steps to the keyframes `counted` (m)
-  // have them, others stay as they are; the prior counts as `weight` steps whose factor is 1. Only the
-  // keyframes `kept` (m), a run of each user, and the ranges between them are in it.
+  // have them, others stay as they are; the prior counts as `weight` steps whose factors are `usual` (k, 2).
+  // Only the keyframes `kept` (m), a run of each user, and the ranges between them are in it.
   Eigen::MatrixXd step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                             const Marks& kept, const Marks& counted, double weight, int rounds) const;
+                             const Marks& kept, const Marks& counted, double weight,
+                             const Eigen::MatrixXd& usual, int rounds) const;
+
+  // The logarithm of the determinant of the cost's second derivatives at a local optimum: with the cost, what
+  // Laplace's approximation of the evidence needs. `height_curvature` as above.
+  double log_determinant(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                         const Column& height_curvature) const;
 
  private:
   // Where a variable is: a group (the border is the last one) and its offset there; -1 if it is fixed.
@@ -163,7 +172,8 @@ class WalkSolver {
   double prior_cost(const WalkStates& states, const WalkNoise& noise) const;
   WalkStates moved(const WalkStates& states, const BorderedEnvelope::Sides& step, double length) const;
   Eigen::MatrixXd step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                             const Marks& counted, double weight, int rounds) const;
+                             const Marks& counted, double weight, const Eigen::MatrixXd& usual,
+                             int rounds) const;
   std::vector<DeviceAtKeyframe> devices(const WalkStates& states, const Column& assumed_clock) const;
   Vector3 shared_calibration(const WalkStates& states, const WalkNoise& noise) const;
   double mean_height(const WalkStates& states, const WalkNoise& noise) const;

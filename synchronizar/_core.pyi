@@ -248,12 +248,19 @@ class WalkSolver:
         kept: Mask,
         counted: Mask,
         weight: float,
+        usual: Array,
         rounds: int,
     ) -> Array:
         """(k, 2) factors on step sigmas in place and heading of the steps to the keyframes `counted` (m,).
 
-        Only the keyframes `kept` (m,), a run of each user, and the ranges between them are used.
+        The prior counts as `weight` steps whose factors are `usual` (k, 2). Only the keyframes `kept` (m,), a run of
+        each user, and the ranges between them are used.
         """
+
+    def log_determinant(
+        self, places: Array, calibration: Array, noise: WalkNoise, loss: Loss, height_curvature: Array
+    ) -> float:
+        """The logarithm of the determinant of the cost's second derivatives; `height_curvature` as in `covariance`."""
 
 class RigidSolver:
     """The most likely frames of k users, n ranges between their rigid walks given (factors/rigid_solver.h)."""

@@ -204,6 +204,10 @@ class SearchParameters:
     """How many times wider the loss is at first where the answer is in doubt (graduated non-convexity)."""
     doubtful_share: float = 0.02
     """With more than this share of NLOS ranges the search is repeated in parts of the walk."""
+    drifting_share: float = 0.1
+    """Where a larger share of ranges seems NLOS, SLAM that drifts many times as far is tried as well."""
+    drift_cost: float = 5.0
+    """Log likelihood: so much more must speak for such SLAM than for NLOS ranges; one device in a hundred has it."""
     parts: int = 24
     """Parts that are tried, ..."""
     part_pieces: int = 12

@@ -15,6 +15,7 @@ from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
+from synchronizar.estimation.far_drift import Searched, with_far_drift
 from synchronizar.estimation.local_optima import (
     BETTER,
     by_cost,
@@ -26,7 +27,7 @@ from synchronizar.estimation.local_optima import (
     with_measured_weights,
     with_noise_alone,
 )
-from synchronizar.estimation.segments import coarse_interval, search_and_grow
+from synchronizar.estimation.segments import coarse_interval, keyframes_of_all, search_and_grow
 from synchronizar.estimation.slips import slips
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.calibration_priors import with_measured_priors
@@ -35,7 +36,6 @@ from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import SCALE, common_track
 from synchronizar.graph.step_noise import step_noise
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, keyframes_of
 from synchronizar.preprocessing.raised import lowered, raised_by
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.progress import Progress, stage, unheard
@@ -143,31 +143,38 @@ def solve(
     `begun` are joint placements that were found before, to begin with besides: frames (k, 4) about the users' own
     origins, and calibrations (k, 3).
     """
-    coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem))
-    found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.7), begun)
-    searched = perf_counter()
+    interval, usual = coarse_interval(problem), np.ones((len(problem.users), 2))
+    coarse = keyframes_of_all(problem, repaired_tracks, interval, usual)
+    found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.6), begun)
+    searched = with_far_drift(
+        Searched(found, interval, usual, problem.parameters.slam.drift_weight), problem, repaired_tracks, begun
+    )
+    at = perf_counter()
+    progress(0.7)
     heights = [frames[:, 2] for frames, _ in begun]
-    minima, noise = _refined(problem, repaired_tracks, found, heights)
+    minima, noise = _refined(problem, repaired_tracks, searched, heights)
     progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
-        minima, noise = _refined(problem, repaired_tracks, [minima[1], *found], heights)
-    return Solved(minima, noise, searched)
+        again = searched._replace(found=[minima[1], *searched.found])
+        minima, noise = _refined(problem, repaired_tracks, again, heights)
+    return Solved(minima, noise, at)
 
 
 def _refined(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], found: list[LocalOptimum], heights: Sequence[Array]
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], searched: Searched, heights: Sequence[Array]
 ) -> tuple[list[LocalOptimum], Array]:
     """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
     All of them with the step noise estimated for each device (`step_noise`), and with priors as wide as the ranges make
     likely (`calibration_priors`). `heights` (k,) m were found before.
     """
+    found = searched.found
     best = with_noise_alone(with_measured_weights(found[0]))
     graph = with_measured_priors(best.graph, best.states, best.em_weights)
     priors = graph.calibration_priors
     best = graph.run_em(best.states, best.em_weights, _ROUNDS)
-    noise = step_noise(best.graph, best.states, best.em_weights)
-    coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem), noise)
+    noise = step_noise(best.graph, best.states, best.em_weights, searched.noise, searched.weight)
+    coarse = keyframes_of_all(problem, repaired_tracks, searched.interval, noise)
     fine = keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, noise)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
@@ -179,16 +186,3 @@ def _refined(
         found, others = [better, *found[1:]], [s for s in (best, *others) if s is not better]
         best = better
     return compare(found, refine(best, PoseGraph(problem, fine).with_calibration_priors(priors)), others), noise
-
-
-def keyframes_of_all(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], interval: float, noise: Array | None = None
-) -> list[Keyframes]:
-    """Keyframes of all k users, `interval` s apart; `noise` (k, 2) are factors on the drift of `parameters.slam`."""
-    factors = np.ones((len(problem.users), 2)) if noise is None else noise
-    return [
-        STATIC_KEYFRAME
-        if user.static
-        else keyframes_of(repaired_tracks[user.name], interval, problem.parameters, (place, heading))
-        for user, (place, heading) in zip(problem.users, factors.tolist(), strict=True)
-    ]

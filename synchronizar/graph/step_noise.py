@@ -23,14 +23,17 @@ _ROUNDS = 10
 _MOST_KEYFRAMES = 400  # of a longer walk only the middle is used
 
 
-def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array:
+def step_noise(
+    graph: PoseGraph, states: States, em_weights: EmWeights, before: Array, weight: float, rounds: int = _ROUNDS
+) -> Array:
     """(k, 2): factor on each user's step sigmas in position and heading, relative to `parameters.slam`.
 
-    1 where ranges carry no information on it: the prior counts as `drift_weight` steps with factor 1.
+    `before` (k, 2) are those that the graph's keyframes have. 1 where ranges carry no information on it: the prior
+    counts as `weight` steps with factor 1.
     """
     out = np.ones((len(graph.users), 2))
     if not len(graph.measurements):
-        return out
+        return before
     walks, weights, counted = graph.walks, list(em_weights.step_weight), []
     for u in walks.users:
         ordinary = _ordinary(graph, states, u)
@@ -43,10 +46,11 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array
         graph.loss,
         _middle(graph, walks),
         np.array(counted),
-        graph.parameters.slam.drift_weight,
-        _ROUNDS,
+        weight,
+        1.0 / before[walks.users],
+        rounds,
     )
-    return out
+    return before * out
 
 
 def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:

@@ -12,7 +12,7 @@ from support.solver_scenes import honest_information, recording_of, track_of
 from synchronizar._core import WalkSolver
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.full import keyframes_of_all
+from synchronizar.estimation.segments import keyframes_of_all
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import keys
 from synchronizar.graph import step_noise as noise_module
@@ -50,7 +50,7 @@ def graph_of(kind: str, reference: int = 0) -> PoseGraph:
     repaired = {name: repair_relocalizations(track, MODEL) for name, track in recording.tracks.items()}
     recording = replace(recording, tracks={name: of_user.track for name, of_user in repaired.items()})
     problem = Problem.of(recording, reference, MODEL)
-    graph = PoseGraph(problem, keyframes_of_all(problem, repaired, 1.0))
+    graph = PoseGraph(problem, keyframes_of_all(problem, repaired, 1.0, np.ones((len(recording.users), 2))))
     return graph.with_antennas_at(np.linspace(-0.02, 0.02, len(recording.users)))
 
 
@@ -247,20 +247,51 @@ def test_what_ranges_say_of_calibrations_is_what_a_dense_matrix_of_gtsams_says(k
     assert (np.abs(mean - states.calibration[graph.active_users].ravel()) < 0.02 * size).all()
 
 
+def measured_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> Array:
+    return step_noise(graph, states, em_weights, np.ones((len(graph.users), 2)), MODEL.slam.drift_weight)
+
+
 @kinds
 def test_step_noise_is_that_of_a_dense_matrix(kind: str, reference: int) -> None:
     graph = graph_of(kind, reference)
     states, em_weights = optimum_of(graph)
     expected = dense_step_noise(graph, states, em_weights, noise_module._ROUNDS)
-    np.testing.assert_allclose(step_noise(graph, states, em_weights), expected, rtol=2e-3)
+    np.testing.assert_allclose(measured_noise(graph, states, em_weights), expected, rtol=2e-3)
+
+
+def test_step_noise_is_told_beside_the_model_whatever_drift_the_keyframes_have() -> None:
+    graph = graph_of("walks")
+    states, em_weights = optimum_of(graph)
+    before = np.full((len(graph.users), 2), 4.0)
+    expected = 4.0 * dense_step_noise(graph, states, em_weights, 5, usual=0.25, weight=2.0)
+    np.testing.assert_allclose(step_noise(graph, states, em_weights, before, 2.0, 5), expected, rtol=2e-3)
+
+
+@kinds
+def test_the_determinant_is_that_of_gtsams_matrix(kind: str, reference: int) -> None:
+    """Up to what the change from frames to places adds, which is the same for any drift."""
+    graph = graph_of(kind, reference)
+    states, em_weights = optimum_of(graph)
+    narrow = graph.with_keyframes([replace(k, step_sigma=0.2 * k.step_sigma) for k in graph.keyframes])
+    found, expected = [], []
+    for one in (graph, narrow):
+        walks, form = one.walks, GtsamForm(one)
+        curvature = mean_curvature(one, one.height_curvature(states, em_weights))
+        noise = one.walk_noise(states.anchor_poses, em_weights)
+        at = walks.places(states), states.calibration[walks.users]
+        found.append(walks.solver.log_determinant(*at, noise, one.loss, curvature))
+        factors = form.factors(states.anchor_poses, em_weights, height_curvature=curvature)
+        information, _ = factors.linearize(form.values(states)).hessian(form.ordering())
+        expected.append(np.linalg.slogdet(information)[1])
+    assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], rel=1e-3)
 
 
 def test_of_a_long_walk_the_middle_tells_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     graph = graph_of("walks")
     states, em_weights = optimum_of(graph)
-    whole = step_noise(graph, states, em_weights)
+    whole = measured_noise(graph, states, em_weights)
     monkeypatch.setattr(noise_module, "_MOST_KEYFRAMES", 30)
-    middle = step_noise(graph, states, em_weights)
+    middle = measured_noise(graph, states, em_weights)
     assert not np.allclose(middle, whole, atol=1e-6)
     np.testing.assert_allclose(middle, whole, rtol=0.1)
 
@@ -273,7 +304,7 @@ def test_everybody_may_be_of_one_keyframe() -> None:
     recording = recording_of({"a": track, "b": None, "c": None, "d": None}, rows)
     repaired = {"a": repair_relocalizations(track, MODEL)}
     problem = Problem.of(recording, 0, MODEL)
-    graph = PoseGraph(problem, keyframes_of_all(problem, repaired, 100.0))
+    graph = PoseGraph(problem, keyframes_of_all(problem, repaired, 100.0, np.ones((4, 2))))
     assert [len(k) for k in graph.keyframes] == [2, 1, 1, 1]
     states = graph.initial_states(np.array([[0.0] * 4, [2.0, 0, 0, 0], [0, 2.0, 0, 0], [0, -2.0, 0, 0]]))
     begun = graph.e_step(states, graph.initial_em_weights())[1]

@@ -16,7 +16,14 @@ from synchronizar.graph.states import States, steps
 OF_ROW = [0, 0, 1]
 
 
-def dense_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, rounds: int) -> Array:
+def dense_step_noise(
+    graph: PoseGraph,
+    states: States,
+    em_weights: EmWeights,
+    rounds: int,
+    usual: float = 1.0,
+    weight: float | None = None,
+) -> Array:
     """(k, 2) with all keyframes in one dense matrix."""
     form = GtsamForm(graph)
     weights, counted, whose = list(em_weights.step_weight), gtsam.NonlinearFactorGraph(), []
@@ -49,7 +56,8 @@ def dense_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, ro
         wanted,
         np.array(whose, dtype=np.int32),
         len(graph.users),
-        graph.parameters.slam.drift_weight,
+        graph.parameters.slam.drift_weight if weight is None else weight,
+        usual,
         rounds,
     )
 
@@ -62,6 +70,7 @@ def most_likely_noise(
     whose: Indices,
     users: int,
     weight: float,
+    usual: float,
     rounds: int,
 ) -> Array:
     """All factors but the steps cost 0.5 d' information d - slope' d; step n's three rows are rows d - wanted."""
@@ -72,6 +81,6 @@ def most_likely_noise(
         step = covariance @ (slope + rows.T @ (precision * wanted))
         square = (rows @ step - wanted) ** 2 + ((rows @ covariance) * rows).sum(axis=1)
         x, y, heading = (np.bincount(whose, s, users) for s in square.reshape(-1, 3).T)
-        noise[:, 0] = np.sqrt((2.0 * weight + x + y) / (2.0 * (weight + count)))
-        noise[:, 1] = np.sqrt((weight + heading) / (weight + count))
+        noise[:, 0] = np.sqrt((2.0 * weight * usual**2 + x + y) / (2.0 * (weight + count)))
+        noise[:, 1] = np.sqrt((weight * usual**2 + heading) / (weight + count))
     return noise
