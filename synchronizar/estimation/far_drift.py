@@ -15,14 +15,15 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.local_optima import nlos_share
-from synchronizar.estimation.segments import keyframes_of_all, search_and_grow
+from synchronizar.estimation.local_optima import nlos_share, with_measured_weights, with_noise_alone
+from synchronizar.estimation.segments import coarse_interval, keyframes_of_all, search_and_grow
 from synchronizar.graph.evidence import evidence_against
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import interpolated
 from synchronizar.graph.step_noise import step_noise
 from synchronizar.preprocessing.relocalizations import RepairedTrack
+from synchronizar.progress import Progress, stage, unheard
 
 WIDE = 10.0
 """Factor on everybody's drift: beyond it Student's t reaches, and steps of good SLAM are measured all the same."""
@@ -37,44 +38,62 @@ _NOISE_ROUNDS = 40  # from wide drift, what steps hardly determine shrinks slowl
 class Searched(NamedTuple):
     """What a search found, and the drift that it allowed."""
 
+    best: LocalOptimum
+    """The first of those found, ranges' weights measured at it."""
     found: list[LocalOptimum]
     """Best first."""
     interval: float
     """s between their keyframes."""
     noise: Array
     """(k, 2) factors on the drift of `parameters.slam` that these have."""
-    weight: float
+    drift_weight: float
     """Steps that usual drift counts as where it is measured."""
 
 
-def with_far_drift(
-    usual: Searched,
+def searched(
     problem: Problem,
     repaired_tracks: dict[str, RepairedTrack],
+    progress: Progress = unheard,
     begun: Sequence[tuple[Array, Array]] = (),
 ) -> Searched:
-    """What was found with `usual` drift, or with drift as far as the ranges make likely, by the evidence of both."""
-    parameters = problem.parameters
-    if not len(problem.measurements) or nlos_share(usual.found[0]) <= parameters.search.drifting_share:
+    """What is found with usual drift, or with drift as far as the ranges make likely, by the evidence of both."""
+    parameters, none = problem.parameters, np.ones((len(problem.users), 2))
+    interval, weight = coarse_interval(problem), parameters.slam.drift_weight
+    coarse = keyframes_of_all(problem, repaired_tracks, interval, none)
+    found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.7), begun)
+    usual = Searched(with_noise_alone(with_measured_weights(found[0])), found, interval, none, weight)
+    if max(nlos_share(found[0]), nlos_share(usual.best)) <= parameters.search.drifting_share:
         return usual
+    far = _searched_far(problem, repaired_tracks, begun)
+    stage(progress, 0.7, 1.0)(1.0)
+    before = _at_measured_drift(usual.best, none, weight, problem, repaired_tracks)
+    after = _at_measured_drift(far.best, far.noise, FAR_WEIGHT, problem, repaired_tracks)
+    by_before, by_after = (
+        [evidence_against(one.optimum, weighed.em_weights.range_weight, one.noise) for one in (before, after)]
+        for weighed in (before.optimum, after.optimum)
+    )
+    # Weights measured at either one favour it.
+    gain, loss = by_after[0] - by_after[1], by_before[1] - by_before[0]
+    return far if gain > loss + parameters.search.drift_cost else usual
+
+
+def _searched_far(
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], begun: Sequence[tuple[Array, Array]]
+) -> Searched:
+    """What is found where drift is wide for everybody, and then as far as it is measured to be."""
+    parameters = problem.parameters
     interval = parameters.slam.keyframe_interval
-    wide = np.where([[user.static] * 2 for user in problem.users], 1.0, WIDE)
+    noise = np.where([[user.static] * 2 for user in problem.users], 1.0, WIDE)
     # SLAM that drifts so far is rigid for a shorter time.
     search = {"first_stretch": parameters.search.first_stretch / WIDE}
     sooner = replace(problem, parameters=parameters.changed(search=search))
-    found = search_and_grow(sooner, keyframes_of_all(problem, repaired_tracks, interval, wide), begun=begun)
-    before = _at_measured_drift(usual.found[0], usual.noise, parameters.slam.drift_weight, problem, repaired_tracks)
-    after = _at_measured_drift(found[0], wide, FAR_WEIGHT, problem, repaired_tracks)
-    weight = np.sqrt(before.optimum.graph.initial_em_weights().range_weight)
-    against = [evidence_against(one.optimum, weight, one.noise) for one in (before, after)]
-    if against[1] > against[0] - parameters.search.drift_cost:
-        return usual
-    # Errors of drift that is measured too small would be taken for those of ranges.
-    graph, states, em_weights, _ = after.optimum
-    clear = graph.with_reflections(there=False).run_em(states, em_weights, _ROUNDS)
-    best, noise = _at_measured_drift(clear, after.noise, FAR_WEIGHT, problem, repaired_tracks)
-    others = [s._replace(graph=s.graph.with_keyframes(best.graph.keyframes)) for s in found[1:]]
-    return Searched([best, *others], interval, noise, FAR_WEIGHT)
+    found = search_and_grow(sooner, keyframes_of_all(problem, repaired_tracks, interval, noise), begun=begun)
+    best, noise = _at_measured_drift(found[0], noise, FAR_WEIGHT, problem, repaired_tracks)
+    # Once more with noise alone: what drift leaves would be taken for reflections.
+    clear = best.graph.with_reflections(there=False).run_em(best.states, best.em_weights, _ROUNDS)
+    best, noise = _at_measured_drift(clear, noise, FAR_WEIGHT, problem, repaired_tracks)
+    found = [best, *(s._replace(graph=s.graph.with_keyframes(best.graph.keyframes)) for s in found[1:])]
+    return Searched(with_noise_alone(with_measured_weights(best)), found, interval, noise, FAR_WEIGHT)
 
 
 class _Measured(NamedTuple):

@@ -15,7 +15,7 @@ from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
-from synchronizar.estimation.far_drift import Searched, with_far_drift
+from synchronizar.estimation.far_drift import Searched, searched
 from synchronizar.estimation.local_optima import (
     BETTER,
     by_cost,
@@ -27,7 +27,7 @@ from synchronizar.estimation.local_optima import (
     with_measured_weights,
     with_noise_alone,
 )
-from synchronizar.estimation.segments import coarse_interval, keyframes_of_all, search_and_grow
+from synchronizar.estimation.segments import keyframes_of_all
 from synchronizar.estimation.slips import slips
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.calibration_priors import with_measured_priors
@@ -143,38 +143,32 @@ def solve(
     `begun` are joint placements that were found before, to begin with besides: frames (k, 4) about the users' own
     origins, and calibrations (k, 3).
     """
-    interval, usual = coarse_interval(problem), np.ones((len(problem.users), 2))
-    coarse = keyframes_of_all(problem, repaired_tracks, interval, usual)
-    found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.6), begun)
-    searched = with_far_drift(
-        Searched(found, interval, usual, problem.parameters.slam.drift_weight), problem, repaired_tracks, begun
-    )
+    search = searched(problem, repaired_tracks, stage(progress, 0.0, 0.7), begun)
     at = perf_counter()
-    progress(0.7)
     heights = [frames[:, 2] for frames, _ in begun]
-    minima, noise = _refined(problem, repaired_tracks, searched, heights)
+    minima, noise = _refined(problem, repaired_tracks, search, heights)
     progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
-        again = searched._replace(found=[minima[1], *searched.found])
-        minima, noise = _refined(problem, repaired_tracks, again, heights)
+        again = with_noise_alone(with_measured_weights(minima[1]))
+        search = search._replace(best=again, found=[minima[1], *search.found])
+        minima, noise = _refined(problem, repaired_tracks, search, heights)
     return Solved(minima, noise, at)
 
 
 def _refined(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], searched: Searched, heights: Sequence[Array]
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], search: Searched, heights: Sequence[Array]
 ) -> tuple[list[LocalOptimum], Array]:
     """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
     All of them with the step noise estimated for each device (`step_noise`), and with priors as wide as the ranges make
     likely (`calibration_priors`). `heights` (k,) m were found before.
     """
-    found = searched.found
-    best = with_noise_alone(with_measured_weights(found[0]))
+    best, found = search.best, search.found
     graph = with_measured_priors(best.graph, best.states, best.em_weights)
     priors = graph.calibration_priors
     best = graph.run_em(best.states, best.em_weights, _ROUNDS)
-    noise = step_noise(best.graph, best.states, best.em_weights, searched.noise, searched.weight)
-    coarse = keyframes_of_all(problem, repaired_tracks, searched.interval, noise)
+    noise = step_noise(best.graph, best.states, best.em_weights, search.noise, search.drift_weight)
+    coarse = keyframes_of_all(problem, repaired_tracks, search.interval, noise)
     fine = keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, noise)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
