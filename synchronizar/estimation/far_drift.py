@@ -32,6 +32,9 @@ FAR_WEIGHT = 2.0
 """Steps that usual drift counts as where it is wide for everybody."""
 
 _ROUNDS = 6
+_BENT_ROUNDS = 3
+_BENT = 0.9  # of the ranges that seem NLOS: among late ranges wide drift explains less than a tenth of them
+_MOST = 0.5  # of the ranges
 _NOISE_ROUNDS = 40  # from wide drift, what steps hardly determine shrinks slowly
 
 
@@ -62,10 +65,11 @@ def searched(
     coarse = keyframes_of_all(problem, repaired_tracks, interval, none)
     found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.7), begun)
     usual = Searched(with_noise_alone(with_measured_weights(found[0])), found, interval, none, weight)
-    if max(nlos_share(found[0]), nlos_share(usual.best)) <= parameters.search.drifting_share:
+    seeming = max(nlos_share(found[0]), nlos_share(usual.best))
+    if seeming <= parameters.search.drifting_share or not _bends(usual, problem, repaired_tracks):
         return usual
     far = _searched_far(problem, repaired_tracks, begun)
-    stage(progress, 0.7, 1.0)(1.0)
+    progress(1.0)
     before = _at_measured_drift(usual.best, none, weight, problem, repaired_tracks)
     after = _at_measured_drift(far.best, far.noise, FAR_WEIGHT, problem, repaired_tracks)
     by_before, by_after = (
@@ -75,6 +79,22 @@ def searched(
     # Weights measured at either one favour it.
     gain, loss = by_after[0] - by_after[1], by_before[1] - by_before[0]
     return far if gain > loss + parameters.search.drift_cost else usual
+
+
+def _bends(usual: Searched, problem: Problem, repaired_tracks: dict[str, RepairedTrack]) -> bool:
+    """Whether wide drift alone, from where usual drift has led, explains many of the ranges that seem NLOS.
+
+    Where most do, everything may be elsewhere, and that says nothing.
+    """
+    interval, before = problem.parameters.slam.keyframe_interval, usual.best
+    if nlos_share(before) > _MOST:
+        return True
+    keyframes = keyframes_of_all(problem, repaired_tracks, interval, np.full((len(problem.users), 2), WIDE))
+    graph = PoseGraph(problem, keyframes).with_sigma_of(before.graph)
+    states = interpolated(before.states, before.graph.keyframes, keyframes)
+    first = graph.initial_em_weights()
+    bent = graph.run_em(states, replace(first, range_weight=np.sqrt(first.range_weight)), _BENT_ROUNDS)
+    return nlos_share(bent) < _BENT * nlos_share(before)
 
 
 def _searched_far(

@@ -64,7 +64,7 @@ def register_full(recording: Recording, reference: int, parameters: Parameters, 
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
     problem = Problem.of(repaired, reference, parameters)
     optima, noise, searched = solve(problem, repaired_tracks, stage(progress, 0.0, 0.9))
-    assessed = assess_calibrated(optima)
+    assessed = assess_calibrated(optima, noise)
     own = _own_frames(recording, repaired_tracks, optima[0], raised)
     registration = registration_of(assessed, own, len(recording.ranges), {})
     users = {
