@@ -447,6 +447,10 @@ class Tracking:
         self.height_spread = np.append(self.height_spread, 0.0)
         self.height_weight = np.append(self.height_weight, 1.0)
 
+    def use_antennas(self, users: tuple[User, ...]) -> None:
+        """Antennas of the same users are elsewhere, for ranges from now on."""
+        self.users, self._levers = users, _levers(users)
+
     def residuals(self, rows: Array) -> Array:
         """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
         return self.slots.residuals(rows)
