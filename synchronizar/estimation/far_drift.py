@@ -34,7 +34,7 @@ FAR_WEIGHT = 2.0
 _ROUNDS = 6
 _BENT_ROUNDS = 3
 _BENT = 0.9  # of the ranges that seem NLOS: among late ranges wide drift explains less than a tenth of them
-_MOST = 0.5  # of the ranges
+_MOST = 0.6  # of the ranges
 _NOISE_ROUNDS = 40  # from wide drift, what steps hardly determine shrinks slowly
 
 
