@@ -14,7 +14,7 @@ export FUZZ_SECONDS ?= 5
 STUDIES := $(addprefix paper.,sampling_space distance sample_count pointing traces) \
 	$(addprefix sweeps.,sweeps ranges_needed beside_bound beside_recordings)
 
-.PHONY: demo live modules test lint audit docs sizes bench experiments clean
+.PHONY: demo live modules test lint audit docs sizes bench experiments integrity clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m experiments.demo --out demo
@@ -69,6 +69,11 @@ bench: $(VENV)/installed
 # Quickly; at the paper's size with `make experiments SIZE=--full`.
 experiments: $(VENV)/tested-with
 	@for study in $(STUDIES); do echo "== $$study"; $(BIN)/python -m experiments.$$study $(SIZE) || exit 1; done
+
+# How far `registered` can be relied on, over every fault at hand, in half an hour; the last word with `SEEDS=judge`.
+SEEDS ?= build
+integrity: $(VENV)/tested-with
+	$(BIN)/python -m experiments.integrity --seeds $(SEEDS)
 
 clean:
 	rm -rf $(VENV) build demo

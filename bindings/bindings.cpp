@@ -431,19 +431,28 @@ NB_MODULE(_core, m) {
           "step_noise",
           [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
              const WalkNoise& noise, const LossKind& loss, const Marks& kept, const Marks& counted,
-             double weight, const Eigen::MatrixXd& usual, int rounds) {
+             const Column& tried, double begin, double weight, int rounds) {
             check_states(self, places, calibration, noise);
             require(kept.size() == places.rows() && counted.size() == places.rows(),
                     "kept and counted must be (m,)");
-            require(usual.rows() == self.walks().users && usual.cols() == 2, "usual must be (k, 2)");
             for (const int first : self.walks().first) {
               require(first == counted.size() || !counted[first], "no step leads to a user's first keyframe");
             }
-            return self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept, counted, weight,
-                                   usual, rounds);
+            require(tried.size() > 0 && tried.minCoeff() > 0.0, "tried must be positive");
+            require(begin > 0.0, "begin must be positive");
+            const auto found = self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept,
+                                               counted, tried, begin, weight, rounds);
+            std::vector<Eigen::MatrixXd> factors;
+            Column evidence(tried.size()), determined(tried.size());
+            for (size_t b = 0; b < found.size(); ++b) {
+              factors.push_back(found[b].factors);
+              evidence[static_cast<Eigen::Index>(b)] = found[b].evidence;
+              determined[static_cast<Eigen::Index>(b)] = found[b].determined;
+            }
+            return std::tuple(factors, evidence, determined);
           },
-          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "weight"_a, "usual"_a,
-          "rounds"_a)
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "tried"_a, "begin"_a,
+          "weight"_a, "rounds"_a)
       .def(
           "log_determinant",
           [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-import tomllib
-from pathlib import Path
+from importlib.metadata import version as installed_version
 from typing import TYPE_CHECKING, Any
 
 from docutils.utils.math.latex2mathml import tex2mathml
@@ -14,11 +13,9 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
     from sphinx.writers.html5 import HTML5Translator
 
-_PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-
 project = "synchronizar"
 author = "the synchronizar authors"
-version = release = _PROJECT["version"]
+version = release = installed_version("synchronizar").partition("+")[0]
 html_title = f"synchronizar {release}"
 html_theme = "furo"
 html_show_copyright = False

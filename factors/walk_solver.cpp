@@ -4,12 +4,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "factors/gauss_newton.h"
 
 namespace synchronizar {
 
+static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+static constexpr double kHopeless =
+    10.0;  // log evidence: whose common factor has so much less is not refined
 static constexpr int kLast = 2 * kOwnColumns;  // column of the residuals in a pair's squares
 
 // ---- the matrix ----
@@ -42,6 +46,12 @@ bool BorderedEnvelope::factorize() {
   return true;
 }
 
+double BorderedEnvelope::log_determinant() const {
+  double sum = 0.0;
+  for (int a = 0; a < groups(); ++a) sum += block(a, a).diagonal().array().log().sum();
+  return 2.0 * sum;
+}
+
 void BorderedEnvelope::solve(Sides& sides) const {
   const auto of = [&](int group) -> Eigen::MatrixXd& { return sides[static_cast<size_t>(group)]; };
   for (int a = 0; a < groups(); ++a) {
@@ -52,12 +62,6 @@ void BorderedEnvelope::solve(Sides& sides) const {
     block(a, a).triangularView<Eigen::Lower>().transpose().solveInPlace(of(a));
     for (int b = from(a); b < a; ++b) of(b).noalias() -= block(a, b).transpose() * of(a);
   }
-}
-
-double BorderedEnvelope::log_determinant() const {
-  double out = 0.0;
-  for (int a = 0; a < groups(); ++a) out += 2.0 * block(a, a).diagonal().array().log().sum();
-  return out;
 }
 
 BorderedEnvelope BorderedEnvelope::inverse() const {
@@ -594,9 +598,10 @@ double WalkSolver::log_determinant(const WalkStates& states, const WalkNoise& no
   return system.matrix.log_determinant();
 }
 
-Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                       const Marks& kept, const Marks& counted, double weight,
-                                       const Eigen::MatrixXd& usual, int rounds) const {
+std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise,
+                                              const Loss& loss, const Marks& kept, const Marks& counted,
+                                              const Column& tried, double begin, double weight,
+                                              int rounds) const {
   // Rows that stay: of keyframes, of users who have any, and of ranges between them.
   std::vector<int> keyframes, users, ranges;
   Numbers new_keyframe = Numbers::Constant(kept.size(), -1);
@@ -614,7 +619,10 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
     users.push_back(u);
     first.push_back(begin);
   }
-  Eigen::MatrixXd out = Eigen::MatrixXd::Ones(walks_.users, 2);
+  std::vector<StepNoise> out;
+  for (const double factor : tried) {
+    out.push_back({Eigen::MatrixXd::Constant(walks_.users, 2, factor), 0.0, 0.0});
+  }
   if (users.empty()) return out;
   first.push_back(static_cast<int>(keyframes.size()));
   for (int n = 0; n < walks_.measured.size(); ++n) {
@@ -654,37 +662,90 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
   // The first keyframe that stays of a user has no step that leads to it.
   Marks its_counted = counted(keyframes);
   for (int u = 0; u < part.users; ++u) its_counted[part.first[u]] = false;
-  out(users, all) = WalkSolver(part).step_noise(here, its, loss, its_counted, weight, usual(users, all), rounds);
+  const auto of_part = WalkSolver(part).step_noise(here, its, loss, its_counted, tried, begin, weight, rounds);
+  for (size_t b = 0; b < out.size(); ++b) {
+    out[b].factors(users, all) = of_part[b].factors;
+    out[b].evidence = of_part[b].evidence;
+    out[b].determined = of_part[b].determined;
+  }
   return out;
 }
 
-Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                       const Marks& counted, double weight, const Eigen::MatrixXd& usual,
-                                       int rounds) const {
+std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise,
+                                              const Loss& loss, const Marks& counted, const Column& tried,
+                                              double begin, double weight, int rounds) const {
   const System others = linearized(states, noise, loss, nullptr, &counted);
-  const Eigen::ArrayXXd prior = weight * usual.array().square();
-  Eigen::MatrixXd factors = Eigen::MatrixXd::Ones(walks_.users, 2);
-  const auto step_with = [&](int n, double place, double heading) {
-    return step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(Vector3(place, 1.0, heading)));
-  };
-  for (int round = 0; round < rounds; ++round) {
-    System system = others;
-    for (int n = 1; n < states.places.rows(); ++n) {
-      if (counted[n]) add(system, step_with(n, factors(user_[n], 0), factors(user_[n], 1)));
+  std::vector<StepNoise> out;
+  double most = -std::numeric_limits<double>::infinity();
+  for (const double about : tried) {
+    out.push_back({Eigen::MatrixXd::Constant(walks_.users, 2, about), 0.0, kUnknown});
+    out.back().evidence =
+        with_steps(about, out.back().factors, others, states, noise, counted, weight).evidence;
+    most = std::max(most, out.back().evidence);
+  }
+  for (size_t b = 0; b < out.size(); ++b) {
+    if (out[b].evidence < most - kHopeless) continue;
+    out[b].factors *= begin;
+    maximize(tried[static_cast<Eigen::Index>(b)], out[b], others, states, noise, counted, weight, rounds);
+  }
+  return out;
+}
+
+WalkSolver::WithSteps WalkSolver::with_steps(double about, const Eigen::MatrixXd& factors,
+                                             const System& others, const WalkStates& states,
+                                             const WalkNoise& noise, const Marks& counted,
+                                             double weight) const {
+  WithSteps out{others.matrix, others.gradient, -std::numeric_limits<double>::infinity()};
+  System system = others;
+  double squared = 0.0, log_sigma = 0.0;
+  Column count = Column::Zero(walks_.users);
+  for (int n = 1; n < states.places.rows(); ++n) {
+    if (!counted[n]) continue;
+    const Vector3 by(factors(user_[n], 0), about, factors(user_[n], 1));
+    const Step step = step_to(n, states, noise.step_sigma.row(n).transpose().cwiseProduct(by));
+    add(system, step);
+    squared += step.residual.squaredNorm();
+    count[user_[n]] += 1.0;
+  }
+  if (!system.matrix.factorize()) return out;
+  out.step = system.gradient;
+  system.matrix.solve(out.step);
+  double gained = 0.0;
+  for (size_t g = 0; g < out.step.size(); ++g) gained += out.step[g].col(0).dot(system.gradient[g].col(0));
+  for (int u = 0; u < walks_.users; ++u) {
+    log_sigma += count[u] * std::log(about);  // of heights
+    for (int kind = 0; kind < 2; ++kind) {
+      const double many = kind == 0 ? 2.0 : 1.0, ratio = factors(u, kind) / about;
+      log_sigma += many * count[u] * std::log(factors(u, kind)) +
+                   many * weight * (std::log(ratio) + 0.5 * (1.0 / (ratio * ratio) - 1.0));
     }
-    if (!system.matrix.factorize()) return factors;
-    system.matrix.solve(system.gradient);
-    const BorderedEnvelope covariance = system.matrix.inverse();
+  }
+  out.evidence = -0.5 * (squared - gained + system.matrix.log_determinant()) - log_sigma;
+  out.matrix = std::move(system.matrix);
+  return out;
+}
+
+void WalkSolver::maximize(double about, StepNoise& out, const System& others, const WalkStates& states,
+                          const WalkNoise& noise, const Marks& counted, double weight, int rounds) const {
+  Eigen::MatrixXd factors = out.factors;
+  Column count = Column::Zero(walks_.users);
+  for (int n = 1; n < states.places.rows(); ++n) count[user_[n]] += counted[n] ? 1.0 : 0.0;
+  for (int round = 0; round <= rounds; ++round) {
+    const auto [matrix, step, evidence] = with_steps(about, factors, others, states, noise, counted, weight);
+    if (!std::isfinite(evidence)) return;
+    out.factors = factors;
+    out.evidence = evidence;
+    const BorderedEnvelope covariance = matrix.inverse();
     Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(walks_.users, 2);
-    Column count = Column::Zero(walks_.users);
+    double left = 0.0;
     for (int n = 1; n < states.places.rows(); ++n) {
       if (!counted[n]) continue;
-      const Step step = step_with(n, 1.0, 1.0);
+      const Step with = step_to(n, states, noise.step_sigma.row(n).transpose());
       // Residuals in the plane and in heading, at the most likely states, and their variances.
       Eigen::Matrix<double, 4, 9> rows;
-      rows << step.by_here, step.by_there, step.by_scale;
-      const std::array<const Where*, 3> at{&keyframe_at_[static_cast<size_t>(step.here)],
-                                           &keyframe_at_[static_cast<size_t>(step.there)],
+      rows << with.by_here, with.by_there, with.by_scale;
+      const std::array<const Where*, 3> at{&keyframe_at_[static_cast<size_t>(with.here)],
+                                           &keyframe_at_[static_cast<size_t>(with.there)],
                                            &device_at_[static_cast<size_t>(user_[n])]};
       constexpr std::array<int, 3> sizes{4, 4, 1}, begins{0, 4, 8};
       Eigen::Matrix<double, 9, 9> around = Eigen::Matrix<double, 9, 9>::Zero();
@@ -692,7 +753,7 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
       for (size_t a = 0; a < 3; ++a) {
         if (at[a]->group < 0) continue;
         moved.segment(begins[a], sizes[a]) =
-            -system.gradient[static_cast<size_t>(at[a]->group)].col(0).segment(at[a]->offset, sizes[a]);
+            -step[static_cast<size_t>(at[a]->group)].col(0).segment(at[a]->offset, sizes[a]);
         for (size_t b = 0; b < 3; ++b) {
           if (at[b]->group < 0) continue;
           const bool below = at[a]->group >= at[b]->group;
@@ -707,16 +768,20 @@ Eigen::MatrixXd WalkSolver::step_noise(const WalkStates& states, const WalkNoise
           }
         }
       }
-      const Eigen::Vector4d residual = step.residual + rows * moved;
-      const Eigen::Vector4d square = residual.cwiseAbs2() + (rows * around * rows.transpose()).diagonal();
+      const Eigen::Vector4d residual = with.residual + rows * moved;
+      const Eigen::Vector4d variance = (rows * around * rows.transpose()).diagonal();
+      const Eigen::Vector4d square = residual.cwiseAbs2() + variance;
       squares(user_[n], 0) += square[0] + square[1];
       squares(user_[n], 1) += square[3];
-      count[user_[n]] += 1.0;
+      const double place = factors(user_[n], 0), heading = factors(user_[n], 1);
+      left += (variance[0] + variance[1]) / (place * place) + variance[2] / (about * about) +
+              variance[3] / (heading * heading);
     }
-    factors.col(0) = ((2.0 * prior.col(0) + squares.col(0).array()) / (2.0 * (weight + count.array()))).sqrt();
-    factors.col(1) = ((prior.col(1) + squares.col(1).array()) / (weight + count.array())).sqrt();
+    out.determined = 4.0 * count.sum() - left;
+    const double prior = weight * about * about;
+    factors.col(0) = ((2.0 * prior + squares.col(0).array()) / (2.0 * (weight + count.array()))).sqrt();
+    factors.col(1) = ((prior + squares.col(1).array()) / (weight + count.array())).sqrt();
   }
-  return factors;
 }
 
 }  // namespace synchronizar

@@ -77,12 +77,12 @@ class BorderedEnvelope {
   // In place; false where it is not positive definite.
   bool factorize();
 
+  // Of the matrix, by its decomposition.
+  double log_determinant() const;
+
   // The solutions for right-hand sides, rows by group, in place; of a decomposition.
   using Sides = std::vector<Eigen::MatrixXd>;
   void solve(Sides& sides) const;
-
-  // The logarithm of the determinant; of a decomposition.
-  double log_determinant() const;
 
   // The inverse where there are blocks; of a decomposition.
   BorderedEnvelope inverse() const;
@@ -94,6 +94,17 @@ class BorderedEnvelope {
   std::vector<int> sizes_, first_;
   std::vector<size_t> begin_;
   std::vector<Eigen::MatrixXd> blocks_;
+};
+
+// The noise of k users' steps about a common factor on it.
+struct StepNoise {
+  // (k, 2) the most likely factors on each user's step sigmas in place and heading, by expectation
+  // maximisation; the prior counts as so many steps with the common factor.
+  Eigen::MatrixXd factors;
+  double evidence;  // logarithm of the marginal likelihood at these factors, with their prior
+  // Errors of steps that the ranges determine: the sum of 1 minus posterior over prior variance; NaN where
+  // the evidence is hopelessly less than that of others, and the users' own factors are not sought.
+  double determined;
 };
 
 class WalkSolver {
@@ -121,18 +132,17 @@ class WalkSolver {
   Eigen::MatrixXd covariance(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                              const Column& height_curvature, const Numbers& keyframes) const;
 
-  // The most likely factors (k, 2) on each user's step sigmas in place and heading, by `rounds` of
-  // expectation maximisation in the system linearised at these states. Steps to the keyframes `counted` (m)
-  // have them, others stay as they are; the prior counts as `weight` steps whose factors are `usual` (k, 2).
-  // Only the keyframes `kept` (m), a run of each user, and the ranges between them are in it.
-  Eigen::MatrixXd step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                             const Marks& kept, const Marks& counted, double weight,
-                             const Eigen::MatrixXd& usual, int rounds) const;
-
   // The logarithm of the determinant of the cost's second derivatives at a local optimum: with the cost, what
   // Laplace's approximation of the evidence needs. `height_curvature` as above.
   double log_determinant(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                          const Column& height_curvature) const;
+
+  // What the ranges say of the noise of SLAM's steps, in the system linearised at these states, were it about
+  // each of `tried` (b) times what it is; users' own factors are sought from `begin` times that on. Steps to the keyframes `counted` (m) have the factors, others stay
+  // as they are. Only the keyframes `kept` (m), a run of each user, and the ranges between them are in it.
+  std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                    const Marks& kept, const Marks& counted, const Column& tried,
+                                    double begin, double weight, int rounds) const;
 
  private:
   // Where a variable is: a group (the border is the last one) and its offset there; -1 if it is fixed.
@@ -171,9 +181,20 @@ class WalkSolver {
   Step step_to(int keyframe, const WalkStates& states, const Vector3& sigma) const;
   double prior_cost(const WalkStates& states, const WalkNoise& noise) const;
   WalkStates moved(const WalkStates& states, const BorderedEnvelope::Sides& step, double length) const;
-  Eigen::MatrixXd step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                             const Marks& counted, double weight, const Eigen::MatrixXd& usual,
-                             int rounds) const;
+  std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                    const Marks& counted, const Column& tried, double begin,
+                                    double weight, int rounds) const;
+  // The decomposition with steps whose noise has `factors`, the Newton step, and the evidence of the factors.
+  struct WithSteps {
+    BorderedEnvelope matrix;
+    BorderedEnvelope::Sides step;
+    double evidence;
+  };
+  WithSteps with_steps(double about, const Eigen::MatrixXd& factors, const System& others,
+                       const WalkStates& states, const WalkNoise& noise, const Marks& counted,
+                       double weight) const;
+  void maximize(double about, StepNoise& out, const System& others, const WalkStates& states,
+                const WalkNoise& noise, const Marks& counted, double weight, int rounds) const;
   std::vector<DeviceAtKeyframe> devices(const WalkStates& states, const Column& assumed_clock) const;
   Vector3 shared_calibration(const WalkStates& states, const WalkNoise& noise) const;
   double mean_height(const WalkStates& states, const WalkNoise& noise) const;

@@ -247,14 +247,18 @@ class WalkSolver:
         loss: Loss,
         kept: Mask,
         counted: Mask,
+        tried: Array,
+        begin: float,
         weight: float,
-        usual: Array,
         rounds: int,
-    ) -> Array:
-        """(k, 2) factors on step sigmas in place and heading of the steps to the keyframes `counted` (m,).
+    ) -> tuple[list[Array], Array, Array]:
+        """What ranges say of the noise of the steps to the keyframes `counted` (m,), about each of `tried` (b,).
 
-        The prior counts as `weight` steps whose factors are `usual` (k, 2). Only the keyframes `kept` (m,), a run of
-        each user, and the ranges between them are used.
+        Users' own factors are sought from `begin` times that on.
+
+        That is b times (k, 2) factors on step sigmas in place and heading, (b,) the logarithm of the evidence, and (b,)
+        how many errors of steps are determined, NaN where the evidence is hopelessly less. Only the keyframes `kept`
+        (m,), a run of each user, and the ranges between them are used.
         """
 
     def log_determinant(

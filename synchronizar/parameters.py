@@ -87,8 +87,11 @@ class SlamParameters:
     """The same by the way walked: 0.007 rad in the first second of walking, between 0.01 and 0.001 to 0.007 rad."""
     drift_dof: float = 5.0
     """Degrees of freedom of Student's t, as which steps are distributed: trackers slip now and then."""
+    drift_least: float = 0.35
+    """Factor on these figures that no SLAM is taken to stay below, though its ranges would have it drift less: on
+    recordings with a truth, errors grew again below it while the ranges of a short walk saw no difference."""
     drift_weight: float = 20.0
-    """Steps that these figures are worth where the noise of a device's own SLAM is estimated."""
+    """Steps that the drift of all users together is worth where that of a device's own SLAM is estimated."""
     slip_sigmas: float = 5.0
     """Sigmas of a step between keyframes beyond which SLAM slipped."""
 
@@ -126,9 +129,11 @@ class SlamParameters:
 class DeviceParameters:
     """Priors of each device's scale, radio bias and clock: its own deviation, and one that all devices share."""
 
+    flawless_share: float = 0.5
+    """Probability that scales, biases and clocks of a recording are all right, before any range is known."""
     faultless_share: float = 0.5
-    """Probability that all scales of a recording are right, before any range is known; so also biases, and clocks. What
-    is not right is as below, times a factor that the ranges tell (`graph.calibration_priors`)."""
+    """Where they are not: probability that all its scales are right; so also biases, and clocks. What is not right is
+    as below, times a factor that the ranges tell (`graph.calibration_priors`)."""
     scale_sigma: float = 0.03
     """1 sigma of each device's log scale: most are metric to a few percent."""
     scale_common_sigma: float = 0.07

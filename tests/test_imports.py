@@ -28,8 +28,9 @@ ALLOWED = {
     "simulation": ("io",),
     "reporting": ("io", "estimation"),
     "live": ("io", "estimation"),
-    "apps": ("live",),
-    "cli": ("reporting", "simulation", "live", "convert"),
+    "ros": ("live", "convert"),
+    "apps": ("ros",),
+    "cli": ("reporting", "simulation", "ros"),
     "face": ("cli",),
 }
 FACE = ("__init__", "__main__")

@@ -43,7 +43,7 @@ def without_timings(file: Path) -> bytes:
         registration.pop("seconds")
         return json.dumps(registration).encode()
     if file.name == "updates.jsonl":
-        updates = [json.loads(line) for line in file.read_text().splitlines()]
+        updates = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
         for update in updates:
             update.pop("update_ms")
         return "\n".join(map(json.dumps, updates)).encode()
@@ -57,7 +57,7 @@ def beginning(recording: Path, folder: Path) -> Path:
         users = {name for row in csv.DictReader(file) for name in (row["a"], row["b"])}
     seconds = 30.0 if len(users) <= _LIVELY else 5.0
     for file in [folder / "ranges.csv", *(folder / "tracks").glob("*.tum")]:
-        lines = [line for line in file.read_text().splitlines(keepends=True) if line.strip()]
+        lines = [line for line in file.read_text(encoding="utf-8").splitlines(keepends=True) if line.strip()]
         rows = [n for n, line in enumerate(lines) if line[0] in "-.0123456789"]
         times = [float(lines[n].replace(",", " ").split()[0]) for n in rows]
         later = {n for n, t in zip(rows, times, strict=True) if t > min(times) + seconds}

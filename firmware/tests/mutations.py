@@ -212,7 +212,7 @@ def unnoticed_by(build: Build, mutation: Mutation) -> list[str]:
     """Return the named tests that pass with the pitfall."""
     with tempfile.TemporaryDirectory() as folder:
         source, changed, program = Path(folder, mutation.file), Path(folder, "changed.o"), Path(folder, "test")
-        source.write_text(mutated(mutation))
+        source.write_text(mutated(mutation), encoding="utf-8")
         build.compile(source, changed)
         passing = []
         for test in mutation.tests:

@@ -109,7 +109,7 @@ def main() -> None:
             print(f"{processor.name}: {processor.prefix}gcc is not here", file=sys.stderr)
             continue
         with tempfile.TemporaryDirectory() as folder:
-            Path(folder, "string.h").write_text(STRING_H)
+            Path(folder, "string.h").write_text(STRING_H, encoding="utf-8")
             objects = [compiled(processor, source, Path(folder)) for source in sorted(CORE.glob("*.c"))]
             text, data, bss = sections(processor, objects)
             stack, path = deepest_stack([object.with_suffix(".ci") for object in objects])

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from synchronizar.diagnosis.summary import Summary
 
 FOUND = 1
+_SAMPLED_S = 3.0
+"""s for which `ros --list` hears what comes."""
 
 
 def _register(options: argparse.Namespace) -> None:
@@ -47,6 +50,7 @@ def _replay(options: argparse.Namespace) -> None:
 
     if options.out is not None:
         _refuse_recordings(options.out)
+    _need_gtsam("replay")
     recording, loaded = _loaded(options.recording)
     from synchronizar.estimation.incremental.replay import replay
 
@@ -305,6 +309,7 @@ def _print_conversion(options: argparse.Namespace, formats: list[str], notes: li
 
 
 def _serve(options: argparse.Namespace) -> None:
+    _need_gtsam("serve")
     with _extra("live"):
         from synchronizar.live.server import ServerOptions, announce, serve
     import asyncio
@@ -342,6 +347,29 @@ def _play(options: argparse.Namespace) -> None:
     print_result(json.dumps(answer, allow_nan=False) if options.json else answer_table(answer))
 
 
+def _need_gtsam(command: str) -> None:
+    """Who walks is followed by gtsam, which comes with the package where it has wheels: not for Windows."""
+    if find_spec("gtsam") is None:
+        raise InputError(command, "needs gtsam, which is not here: it has no wheel for Windows itself, but for WSL")
+
+
+def _ros(options: argparse.Namespace) -> None:
+    with _extra("live"):
+        from synchronizar.ros.bridge import Bridge, list_topics
+        from synchronizar.ros.options import BridgeOptions
+    import asyncio
+
+    from synchronizar.convert.asked import Asked
+
+    asked = Asked(**{f.name: getattr(options, f.name) for f in fields(Asked) if hasattr(options, f.name)})
+    bridges = options.bridges or [(None, "ws://127.0.0.1:9090")]
+    wanted = BridgeOptions(options.join, bridges, asked, options.common, options.sim_time)
+    if options.list:
+        print_result(asyncio.run(list_topics(wanted, _SAMPLED_S)))
+    else:
+        asyncio.run(Bridge(wanted).run())
+
+
 @contextmanager
 def _extra(name: str) -> Iterator[None]:
     """What only some commands need comes with an extra; an empty name is none."""
@@ -363,4 +391,5 @@ COMMANDS: dict[str, Command] = {
     "convert": _convert,
     "serve": _serve,
     "play": _play,
+    "ros": _ros,
 }

@@ -154,33 +154,13 @@ def _add_convert(commands: Any, command: Command) -> None:
     said = convert.add_argument_group("what SOURCE does not say", "docs/formats.md tells what each format assumes")
     said.add_argument("--list", action="store_true", help="print what is in SOURCE and what is guessed of it, no more")
     said.add_argument("--user", metavar="NAME", help="whose track it is, where a file has one [the file's name]")
-    said.add_argument(
-        "--rename", dest="renamed", metavar="OLD=NEW", type=_pair, action="append", default=[], help="call a device so"
-    )
-    said.add_argument("--static", metavar="NAME", action="append", default=[], help="a radio that stands still")
-    said.add_argument(
-        "--without", dest="left_out", metavar="NAME", action="append", default=[], help="leave a device out"
-    )
-    said.add_argument("--world", metavar="AXES", help="axes of positions: ros, ned, optical, arkit, unity, ... or rdf")
-    said.add_argument("--body", metavar="AXES", help="axes of the device, which become x forward, y left, z up")
     said.add_argument("--length-unit", choices=tuple(LENGTH_UNITS), help="of positions")
-    said.add_argument("--range-unit", choices=tuple(LENGTH_UNITS), help="of ranges")
     said.add_argument("--time-unit", choices=tuple(TIME_UNITS), help="of stamps")
     said.add_argument("--time-offset", type=float, default=0.0, metavar="S", help="added to all stamps (s)")
     said.add_argument("--rate", type=_speed, metavar="HZ", help="lines a second of a log without stamps")
     said.add_argument("--angle-unit", choices=ANGLE_UNITS, help="of angles, where attitudes are some")
     said.add_argument("--quaternion", choices=("xyzw", "wxyz"), help="order of a quaternion's columns")
-    said.add_argument("--stamps", choices=STAMPS, help="a message's own stamp, or when it was logged")
     said.add_argument("--sigma", action="store_true", help="take the noise that SOURCE says its ranges have")
-    said.add_argument("--map", metavar="TOML", type=Path, help="what topics, fields, columns and radios are")
-    said.add_argument(
-        "--topic",
-        dest="topics",
-        metavar="'TOPIC KEY=VALUE ...'",
-        action="append",
-        default=[],
-        help="the same for one topic",
-    )
     said.add_argument(
         "--column",
         dest="columns",
@@ -190,7 +170,32 @@ def _add_convert(commands: Any, command: Command) -> None:
         default=[],
         help="the same for one column",
     )
+    _add_said_of_messages(said)
     convert.set_defaults(command=command)
+
+
+def _add_said_of_messages(said: argparse._ArgumentGroup) -> None:
+    """What is said of a bag's messages, and of those that come live."""
+    said.add_argument(
+        "--rename", dest="renamed", metavar="OLD=NEW", type=_pair, action="append", default=[], help="call a device so"
+    )
+    said.add_argument("--static", metavar="NAME", action="append", default=[], help="a radio that stands still")
+    said.add_argument(
+        "--without", dest="left_out", metavar="NAME", action="append", default=[], help="leave a device out"
+    )
+    said.add_argument("--world", metavar="AXES", help="axes of positions: ros, ned, optical, arkit, unity, ... or rdf")
+    said.add_argument("--body", metavar="AXES", help="axes of the device, which become x forward, y left, z up")
+    said.add_argument("--range-unit", choices=tuple(LENGTH_UNITS), help="of ranges")
+    said.add_argument("--stamps", choices=STAMPS, help="a message's own stamp, or when it was logged")
+    said.add_argument("--map", metavar="TOML", type=Path, help="what topics, fields, columns and radios are")
+    said.add_argument(
+        "--topic",
+        dest="topics",
+        metavar="'TOPIC KEY=VALUE ...'",
+        action="append",
+        default=[],
+        help="the same for one topic",
+    )
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -234,6 +239,33 @@ def _add_live_commands(commands: Any, commands_by_name: Mapping[str, Command]) -
     play.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="times the speed of the recording [1]")
     play.add_argument("--json", action="store_true", help="print registration.json instead of a table")
     play.set_defaults(command=commands_by_name["play"])
+
+    ros = commands.add_parser(
+        "ros",
+        help="let robots with ROS join a room, by rosbridge, and tell them where they are",
+        epilog=_example("ros https://192.168.1.5:47180/#ABCD2345 --bridge ws://robot:9090"),
+    )
+    ros.add_argument("join", metavar="JOIN", help="the address by which phones join, as serve prints it")
+    ros.add_argument(
+        "--bridge",
+        dest="bridges",
+        metavar="[NAME=]URL",
+        type=_bridge,
+        action="append",
+        help="a rosbridge; NAME: of the one robot there; may be said several times [ws://127.0.0.1:9090]",
+    )
+    ros.add_argument("--common", metavar="FRAME", default="common", help="name of the common frame in TF [common]")
+    ros.add_argument(
+        "--sim-time", action="store_true", help="the room's time goes by stamps: of a simulation, or a bag"
+    )
+    ros.add_argument("--list", action="store_true", help="print what topics there are and what is guessed, no more")
+    _add_said_of_messages(ros.add_argument_group("what messages do not say", "as for convert; docs/ros.md"))
+    ros.set_defaults(command=commands_by_name["ros"])
+
+
+def _bridge(text: str) -> tuple[str | None, str]:
+    name, equals, address = text.partition("=")
+    return (name, address) if equals and "://" not in name else (None, text)
 
 
 def _port(text: str) -> int:

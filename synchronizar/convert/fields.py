@@ -74,7 +74,8 @@ def stamp_of(value: Any) -> float:
     if isinstance(value, int | float):
         return float(value)
     if isinstance(value, Mapping):
-        sec, nsec = value.get("sec", 0), value.get("nsec", value.get("nanosec", 0))
+        sec = value.get("sec", value.get("secs", 0))
+        nsec = next((value[name] for name in ("nsec", "nanosec", "nsecs") if name in value), 0)
     else:
         sec, nsec = value.sec, value.nanosec
     return float(sec) + 1e-9 * float(nsec)

@@ -25,6 +25,9 @@ user = "alice"
 antenna = "0"
 lever = [0.1, 0.0, 0.05]               # m, in alice's body axes
 
+[robots.alice]                         # of `synchronizar ros` alone: settings as in recording.toml, frame, tf
+height_sigma = 0.1
+
 [columns]                              # of a csv: t, user, x y z, qx qy qz qw | qw .. | yaw, or t, a, b, range, ...
 t = "timestamp"
 """
@@ -41,6 +44,8 @@ from synchronizar.convert.asked import LENGTH_UNITS, Asked
 from synchronizar.errors import InputError, os_faults
 from synchronizar.io.text import quoted
 
+TABLES = ("topics", "radios", "columns", "types", "robots")
+"""Of a map; `robots` is read by the bridge to ROS."""
 TOPIC_KEYS = (
     *("pose", "truth", "tf", "range", "skip"),
     *("user", "a", "b", "time", "unit", "sigma", "rx_power", "fp_power", "nlos", "antenna_a", "antenna_b"),
@@ -69,11 +74,11 @@ class Mapped:
 
 def mapped(asked: Asked) -> Mapped:
     """What the map and the options say together, options before the map. Raises InputError for what is not known."""
-    table = {} if asked.map is None else _parsed(asked.map)
+    table = table_of(asked)
     place = "--map" if asked.map is None else str(asked.map)
     for key in table:
-        if key not in ("topics", "radios", "columns", "types"):
-            raise InputError(place, f"there is no setting {quoted(key)}: there are topics, radios, columns, types")
+        if key not in TABLES:
+            raise InputError(place, f"there is no setting {quoted(key)}: there are {', '.join(TABLES)}")
     topics = {name: _topic(place, f"topics.{name}", of) for name, of in _table(place, table, "topics").items()}
     topics |= dict(_option(text) for text in asked.topics)
     radios = {str(name): _radio(place, str(name), of) for name, of in _table(place, table, "radios").items()}
@@ -84,6 +89,11 @@ def mapped(asked: Asked) -> Mapped:
         raise InputError(place, "types must be a folder of .msg files, or a list of them")
     base = Path() if asked.map is None else asked.map.parent
     return Mapped(topics, radios, columns, tuple(base / folder for folder in folders))
+
+
+def table_of(asked: Asked) -> dict[str, Any]:
+    """The map as TOML has it; empty where there is none. Raises InputError where it cannot be read."""
+    return {} if asked.map is None else _parsed(asked.map)
 
 
 def _parsed(path: Path) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,23 +14,21 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.convert.asked import LENGTH_UNITS, Asked
 from synchronizar.convert.assembling import listed
-from synchronizar.convert.fields import Items, Topic, stamp_of
-from synchronizar.convert.guess import PoseRole, RangeRole, Roles, field_list, kind_of, preferred, roles_of
+from synchronizar.convert.fields import Topic
+from synchronizar.convert.guess import PoseRole, RangeRole, Roles, field_list, preferred, roles_of
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import Mapped, mapped
-from synchronizar.convert.names import matched, words_of
+from synchronizar.convert.names import matched
+from synchronizar.convert.radios import carriers
+from synchronizar.convert.reading import PoseReader, RangeReader, likely_unit
 from synchronizar.convert.track_file import add_track, add_truth
 from synchronizar.convert.transforms import Transforms
 from synchronizar.errors import InputError
 from synchronizar.progress import Progress
 
-LONGEST_RANGE = 300.0
-"""m: numbers of which most are larger are millimetres."""
 _CLOCKS_AGREE = 1.0
 """s: stamps that differ more from when they were logged than others' do are of another clock."""
 _STEP = 5000
-_RADIOS = 4
-"""That one device carries, at most: where only one is left that may carry them, they are its."""
 
 
 @contextmanager
@@ -138,21 +136,14 @@ class _Poses:
     """The poses of a topic."""
 
     def __init__(self, role: PoseRole) -> None:
-        self.role, self.count = role, 0
-        dot = f"{role.path}." if role.path else ""
-        place, turn = ("position", "orientation") if role.topic.has(f"{dot}position") else ("translation", "rotation")
-        self._position, self._quat = Items(f"{dot}{place}"), Items(f"{dot}{turn}")
-        self._stamp = None if role.time == "log" else Items(role.time)
+        self.role = role
         self.logged, self.own, self._poses = array("d"), array("d"), array("d")
+        self._reader = PoseReader(role)
 
     def take(self, logged: float, message: Any) -> None:
-        p, q = self._position(message), self._quat(message)
-        if isinstance(p, Mapping):
-            self._poses.extend((p["x"], p["y"], p["z"], q["x"], q["y"], q["z"], q["w"]))
-        else:
-            self._poses.extend((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+        self._poses.extend(self._reader.pose(message))
         self.logged.append(logged)
-        self.own.append(np.nan if self._stamp is None else stamp_of(self._stamp(message)))
+        self.own.append(self._reader.stamp(message))
 
     def rows(self, t: Array) -> Array:
         """(n, 8) poses at these stamps."""
@@ -160,40 +151,27 @@ class _Poses:
 
 
 class _Ranges:
-    """The ranges of a topic; a message may hold several."""
+    """The ranges of a topic."""
 
     def __init__(self, role: RangeRole) -> None:
         self.role = role
-        self._stamp = None if role.time == "log" else Items(role.time)
-        self._value = Items(role.value)
-        self._a, self._b = _end(role.a), _end(role.b)
-        self._optional = {name: Items(path) for name, path in role.optional.items()}
         self.logged, self.own = array("d"), array("d")
         self.distance = array("d")
         self.a: list[str] = []
         self.b: list[str] = []
-        self.optional: dict[str, list[Any]] = {name: [] for name in self._optional}
-        self.empty = 0
-        self._indexed = "anchor" if "tag" in role.topic.type.lower() else ""
+        self.optional: dict[str, list[Any]] = {name: [] for name in role.optional}
+        self._reader = RangeReader(role)
 
     def take(self, logged: float, message: Any) -> None:
-        own = np.nan if self._stamp is None else stamp_of(self._stamp(message))
-        values = self._value(message)
-        several = values if self._value.is_list else [values]
-        a, b = self._a(message), self._b(message)
-        optional = {name: of(message) for name, of in self._optional.items()}
-        for k, value in enumerate(several):
-            distance = float(value)
-            if distance == 0.0 and self.role.topic.type != "sensor_msgs/Range":
-                self.empty += 1
-                continue
+        own = self._reader.stamp(message)
+        for distance, a, b, optional in self._reader.ranges(message):
             self.logged.append(logged)
             self.own.append(own)
             self.distance.append(distance)
-            self.a.append(_item(a, k, ""))
-            self.b.append(_item(b, k, self._indexed))
-            for name, of in optional.items():
-                self.optional[name].append(of[k] if isinstance(of, list) and k < len(of) else of)
+            self.a.append(a)
+            self.b.append(b)
+            for name, value in optional.items():
+                self.optional[name].append(value)
 
     def add_to(self, imported: Imported, t: Array, asked: Asked) -> None:
         """Add them, in metres."""
@@ -209,8 +187,9 @@ class _Ranges:
             getattr(ranges, name).extend(of.astype(float).tolist() if len(of) == n else [np.nan] * n)
         for name in ("antenna_a", "antenna_b"):
             getattr(ranges, name).extend(map(str, self.optional.get(name, [""] * n)))
-        if self.empty:
-            imported.note(f"{self.empty} distances of 0 in {self.role.topic.name} are no measurements and left out")
+        if self._reader.empty:
+            what = f"{self._reader.empty} distances of 0 in {self.role.topic.name}"
+            imported.note(f"{what} are no measurements and left out")
 
     def _metres(self, imported: Imported, asked: Asked) -> float:
         name, value = self.role.topic.name, self.role.value
@@ -218,11 +197,7 @@ class _Ranges:
             return LENGTH_UNITS[asked.range_unit]
         unit = self.role.unit
         if unit is None:
-            known = np.abs(np.array(self.distance))
-            known = known[np.isfinite(known)]
-            is_integer = kind_of(self.role.topic, value) == "integer"
-            unit = "mm" if is_integer or (len(known) and np.median(known) > LONGEST_RANGE) else "m"
-            why = "integers" if is_integer else f"{np.median(known):.6g} in the median" if len(known) else "none"
+            unit, why = likely_unit(self.role, self.distance)
             imported.note(f"{value} in {name} is taken to be in {unit} ({why}; --range-unit says otherwise)")
         return LENGTH_UNITS[unit]
 
@@ -243,36 +218,6 @@ class _Frames:
         )
         for transform in several:
             self._frames.add(self._space, logged, transform, self._is_static)
-
-
-def _end(end: str) -> Callable[[Any], Any]:
-    """A function of a message: a name, or one for each item."""
-    if end == "#":
-        return lambda _: "#"
-    if end.startswith("="):
-        return lambda _: end[1:]
-    items = Items(end)
-
-    def names(message: Any) -> Any:
-        value = items(message)
-        return [_name(v) for v in value] if items.is_list else _name(value)
-
-    return names
-
-
-def _name(value: Any) -> str:
-    """A device's name out of a field: 7 of 7.0, and no slash at the ends of a frame."""
-    if isinstance(value, float) and value.is_integer():
-        value = int(value)
-    return str(value).strip().strip("/").replace("/", "_")
-
-
-def _item(of: Any, k: int, indexed: str) -> str:
-    if of == "#":
-        return f"{indexed}{k}"
-    if isinstance(of, list):
-        return str(of[k]) if k < len(of) else "?"
-    return str(of)
 
 
 class _Clock:
@@ -340,16 +285,9 @@ def _truth_alone(imported: Imported) -> None:
 def _name_radios(imported: Imported, said: Mapped, asked: Asked, topics: list[_Ranges]) -> None:
     """Radios' names become those of the devices that carry them."""
     ranges = imported.ranges
-    known = imported.tracks.keys()
-    radios = sorted({*ranges.a, *ranges.b} - said.radios.keys() - {old for old, _ in asked.renamed})
     taken = {radio.user for radio in said.radios.values()} | {new for _, new in asked.renamed}
-    of = {radio: user for radio, user in _owned(topics, known - taken).items() if radio in radios}
-    of = of | matched([r for r in radios if r not in of], sorted(known - taken - set(of.values())))
-    strangers = [radio for radio in radios if radio not in of]
-    ends = Counter(ranges.a)
-    free = sorted(known - set(of.values()) - taken)
-    if len(free) == 1 and len(ends) <= _RADIOS and set(ends) <= set(strangers) - set(ranges.b):
-        of |= dict.fromkeys(ends, free[0])
+    of = carriers(topics, imported.tracks.keys(), {*said.radios, *(old for old, _ in asked.renamed)}, taken)
+    ends = set(ranges.a)
     if "?" in ends and "?" not in of:
         unclear = sum(name == "?" for name in ranges.a)
         imported.note(
@@ -363,20 +301,6 @@ def _name_radios(imported: Imported, said: Mapped, asked: Asked, topics: list[_R
         imported.note(f"radios are taken to be those of devices, by topics, names or numbers: {listed(pairs)}")
         ranges.a = [renamed.get(name, name) for name in ranges.a]
         ranges.b = [renamed.get(name, name) for name in ranges.b]
-
-
-def _owned(topics: list[_Ranges], users: set[str]) -> dict[str, str]:
-    """Whose radios are that measure in the topics of one device alone, and not of more than a few."""
-    measuring: dict[str, set[str]] = defaultdict(set)
-    for topic in topics:
-        if topic.role.a.startswith("="):
-            continue
-        whose = [user for user in users if user.lower() in map(str.lower, words_of(topic.role.topic.name))]
-        for radio in set(topic.a):
-            measuring[radio].add(whose[0] if len(whose) == 1 else "")
-    owners = {radio: next(iter(of)) for radio, of in measuring.items() if len(of) == 1 and "" not in of}
-    counts = Counter(owners.values())
-    return {radio: user for radio, user in owners.items() if counts[user] <= _RADIOS}
 
 
 def _tell(imported: Imported, roles: Roles) -> None:

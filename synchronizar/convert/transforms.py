@@ -50,6 +50,41 @@ class FrameTrack(NamedTuple):
     parent: str
     rows: Array
     """(n, 8) t x y z qx qy qz qw."""
+    chain: tuple[str, ...]
+    """Frames from the body up to the parent."""
+    leading: int
+    """Which frame of the chain moves most often in the one above it."""
+
+
+class StampedTransform(NamedTuple):
+    """A transform of a message."""
+
+    parent: str
+    child: str
+    stamp: float
+    """s: when it was logged, where it has no stamp of its own."""
+    pose: tuple[float, ...]
+    """x y z qx qy qz qw of the child in the parent."""
+
+
+def transform_of(space: str, logged: float, transform: Any) -> StampedTransform:
+    """One transform of a message: ROS's, as an object or JSON, or Foxglove's; `space`: its topic's namespace."""
+    if isinstance(transform, Mapping) and "parent_frame_id" in transform:
+        parent, child = transform["parent_frame_id"], transform["child_frame_id"]
+        p, q, stamp = transform["translation"], transform["rotation"], stamp_of(transform["timestamp"])
+    elif isinstance(transform, Mapping):
+        parent, child = transform["header"]["frame_id"], transform["child_frame_id"]
+        p, q = transform["transform"]["translation"], transform["transform"]["rotation"]
+        stamp = stamp_of(transform["header"]["stamp"])
+    else:
+        parent, child = transform.header.frame_id, transform.child_frame_id
+        p, q, stamp = transform.transform.translation, transform.transform.rotation, stamp_of(transform.header.stamp)
+    if isinstance(p, Mapping):
+        pose = (p["x"], p["y"], p["z"], q["x"], q["y"], q["z"], q["w"])
+    else:
+        pose = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+    parent, child = (f"{space}/{name.strip('/')}" if space else name.strip("/") for name in (parent, child))
+    return StampedTransform(parent, child, stamp or logged, pose)
 
 
 class Transforms:
@@ -60,18 +95,13 @@ class Transforms:
 
     def add(self, space: str, logged: float, transform: Any, is_static: bool) -> None:
         """Take one transform of a message."""
-        if isinstance(transform, Mapping):
-            parent, child = transform["parent_frame_id"], transform["child_frame_id"]
-            p, q, stamp = transform["translation"], transform["rotation"], stamp_of(transform["timestamp"])
-            pose = (p["x"], p["y"], p["z"], q["x"], q["y"], q["z"], q["w"])
-        else:
-            parent, child = transform.header.frame_id, transform.child_frame_id
-            p, q = transform.transform.translation, transform.transform.rotation
-            stamp, pose = stamp_of(transform.header.stamp), (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
-        ends = [f"{space}/{name.strip('/')}" if space else name.strip("/") for name in (parent, child)]
-        edge = self._edges.setdefault(ends[1], {}).setdefault(ends[0], _Edge(is_static))
-        edge.t.append(stamp or logged)
-        edge.poses.extend(pose)
+        self.put(transform_of(space, logged, transform), is_static)
+
+    def put(self, transform: StampedTransform, is_static: bool) -> None:
+        """Take a transform."""
+        edge = self._edges.setdefault(transform.child, {}).setdefault(transform.parent, _Edge(is_static))
+        edge.t.append(transform.stamp)
+        edge.poses.extend(transform.pose)
 
     def tracks(self) -> list[FrameTrack]:
         """Of each device one: its likeliest body in the frame above it that is its own."""
@@ -91,9 +121,9 @@ class Transforms:
             user = _user(child, name if rank == len(BODIES) else "")
             if user in found and ranks[user] <= rank:
                 continue
-            track = self._composed(child, chain)
+            track = self._composed(user, child, chain)
             if track is not None:
-                found[user], ranks[user] = FrameTrack(user, *track), rank
+                found[user], ranks[user] = track, rank
         return list(found.values())
 
     def _parents(self) -> set[str]:
@@ -116,13 +146,14 @@ class Transforms:
             moves = [k for k, (_, edge) in enumerate(chain) if not edge.is_static]
         return chain
 
-    def _composed(self, child: str, chain: list[tuple[str, _Edge]]) -> tuple[str, str, Array] | None:
+    def _composed(self, user: str, child: str, chain: list[tuple[str, _Edge]]) -> FrameTrack | None:
         """The body's poses in the last frame of a chain, at the stamps of what moves most often in it."""
         edges = [edge.arrays() for _, edge in chain]
         moving = [k for k, (_, edge) in enumerate(chain) if not edge.is_static]
         if not moving or any(not len(t) for t, _ in edges):
             return None
-        stamps = edges[max(moving, key=lambda k: len(edges[k][0]))][0]
+        leading = max(moving, key=lambda k: len(edges[k][0]))
+        stamps = edges[leading][0]
         position, quat = np.zeros((len(stamps), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1))
         known = np.ones(len(stamps), dtype=bool)
         for (_, edge), (t, poses) in zip(chain, edges, strict=True):
@@ -134,7 +165,8 @@ class Transforms:
                 known &= at.valid
             position = p + rotate_by_quaternions(q, position)
             quat = multiply_quaternions(q, quat)
-        return child, chain[-1][0], np.column_stack([stamps, position, quat])[known]
+        rows, names = np.column_stack([stamps, position, quat])[known], (child, *(parent for parent, _ in chain))
+        return FrameTrack(user, child, names[-1], rows, names, leading)
 
 
 def _user(child: str, name: str) -> str:

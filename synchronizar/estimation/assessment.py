@@ -11,6 +11,7 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
+from synchronizar.estimation.severed import severed
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States
@@ -75,7 +76,9 @@ def assess(
     progress[graph.reference] = 1.0
     covariances = np.zeros((len(graph.users), 6, 6))
     covariances[:, :4, :4] = found[0].covariances
-    contradicted = _contradicted(graph, states) | _no_odometry(graph, drift)
+    held = [graph.reference, *np.flatnonzero(graph.problem.surveyed).tolist()]
+    cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
+    contradicted = cut | _contradicted(graph, states) | _no_odometry(graph, drift)
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:

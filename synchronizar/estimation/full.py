@@ -15,7 +15,7 @@ from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
-from synchronizar.estimation.far_drift import Searched, searched
+from synchronizar.estimation.far_drift import Searched, far_noise, searched
 from synchronizar.estimation.local_optima import (
     BETTER,
     by_cost,
@@ -24,6 +24,7 @@ from synchronizar.estimation.local_optima import (
     other_heights,
     other_places,
     refine,
+    with_devices_trusted,
     with_measured_weights,
     with_noise_alone,
 )
@@ -34,7 +35,7 @@ from synchronizar.graph.calibration_priors import with_measured_priors
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import SCALE, common_track
-from synchronizar.graph.step_noise import step_noise
+from synchronizar.graph.step_noise import StepNoise, step_noise
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.raised import lowered, raised_by
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
@@ -50,7 +51,7 @@ class Solved(NamedTuple):
     minima: list[LocalOptimum]
     """The local optima that explain the ranges, best first."""
     noise: Array
-    """(k, 2) factors on the drift of `parameters.slam` for each user, in position and heading."""
+    """(k, 2) factors on the drift of `parameters.slam` for each user, in position and heading: `step_noise.told`."""
     searched: float
     """s, perf_counter at the end of the search."""
 
@@ -149,8 +150,7 @@ def solve(
     minima, noise = _refined(problem, repaired_tracks, search, heights)
     progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
-        again = with_noise_alone(with_measured_weights(minima[1]))
-        search = search._replace(best=again, found=[minima[1], *search.found])
+        search = search._replace(found=[minima[1], *search.found])
         minima, noise = _refined(problem, repaired_tracks, search, heights)
     return Solved(minima, noise, at)
 
@@ -160,16 +160,24 @@ def _refined(
 ) -> tuple[list[LocalOptimum], Array]:
     """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
-    All of them with the step noise estimated for each device (`step_noise`), and with priors as wide as the ranges make
-    likely (`calibration_priors`). `heights` (k,) m were found before.
+    All of them with priors of calibrations as wide as the ranges make likely (`calibration_priors`), and with the step
+    noise that they show of each device (`step_noise`). `heights` (k,) m were found before.
     """
-    best, found = search.best, search.found
+    found, interval, finest = search.found, search.interval, problem.parameters.slam.keyframe_interval
+    begun_with = found[0].graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval, search.far))
+    best = with_noise_alone(with_measured_weights(found[0]._replace(graph=begun_with)))
+    if search.far is None:
+        best = with_devices_trusted(best)
     graph = with_measured_priors(best.graph, best.states, best.em_weights)
     priors = graph.calibration_priors
     best = graph.run_em(best.states, best.em_weights, _ROUNDS)
-    noise = step_noise(best.graph, best.states, best.em_weights, search.noise, search.drift_weight)
-    coarse = keyframes_of_all(problem, repaired_tracks, search.interval, noise)
-    fine = keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, noise)
+    if search.far is None:
+        noise = step_noise(best.graph, best.states, best.em_weights)
+    else:
+        far = far_noise(best, problem, repaired_tracks)
+        noise = StepNoise(far, far)
+    coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used)
+    fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
     others = other_heights(best, heights)
@@ -179,4 +187,8 @@ def _refined(
     if better.cost < best.cost - BETTER:
         found, others = [better, *found[1:]], [s for s in (best, *others) if s is not better]
         best = better
-    return compare(found, refine(best, PoseGraph(problem, fine).with_calibration_priors(priors)), others), noise
+    best, *others = compare(found, refine(best, PoseGraph(problem, fine).with_calibration_priors(priors)), others)
+    told = keyframes_of_all(problem, repaired_tracks, interval, noise.told)
+    minima = [s._replace(graph=s.graph.with_keyframes(told)) for s in others]
+    told = keyframes_of_all(problem, repaired_tracks, finest, noise.told)
+    return [best._replace(graph=best.graph.with_keyframes(told)), *minima], noise.told

@@ -31,6 +31,7 @@ _DRAWN_SIGMAS = (2.0, 4.0)  # of heights: from priors so many times as wide
 _DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
 _SAME_HEIGHT = 0.1  # m
 _NOISIER = 2.0  # in range weights: less is no difference
+_TRUSTED_STEPS = 2
 _SEED = 20  # a fixed draw: the same ranges give the same answer
 BETTER = 1.0  # log likelihood: a smaller difference does not rank two optima
 
@@ -206,15 +207,39 @@ def with_noise_alone(optimum: LocalOptimum) -> LocalOptimum:
     other = with_measured_weights(graph.run_em(states, replace(em_weights, range_weight=said), _FIRST_ROUNDS))
     if float(other.em_weights.range_weight.mean()) < _NOISIER * float(em_weights.range_weight.mean()):
         return optimum
-    gain = _cost_weighed(optimum, other) - other.cost
-    loss = _cost_weighed(other, optimum) - optimum.cost
+    return _more_credible(optimum, other)
+
+
+def with_devices_trusted(optimum: LocalOptimum) -> LocalOptimum:
+    """The optimum of measured weights, or the one that is near where devices and ranges are as they say.
+
+    Among NLOS ranges a walk may have bent until late ones pass for others. So SLAM is taken as it is, devices for
+    faultless and ranges for as good as they are said to be; then all is free again from there.
+    """
+    graph, states = optimum.graph, optimum.states
+    if nlos_share(optimum) <= graph.parameters.search.doubtful_share:
+        return optimum
+    clear = graph.with_reflections(there=False)
+    rigid = RigidGraph(clear.rigid_problem(clear.initial_states(states.anchor_poses)), np.zeros((len(graph.users), 3)))
+    annealing = graph.parameters.search.annealing
+    near = rigid.run_em(rigid.initial_states(states.anchor_poses), rigid.initial_em_weights(), _FIRST_ROUNDS, annealing)
+    near = rigid.run_em(near.states, near.em_weights, _ROUNDS)
+    first = replace(
+        graph.initial_em_weights(),
+        nlos_odds=near.em_weights.nlos_odds,
+        range_weight=np.ones(len(graph.measurements)),
+    )
+    begin = clear.initial_states(near.states.anchor_poses)
+    begin = clear.optimised(begin, begin.anchor_poses, first, 1.0, _TRUSTED_STEPS, _DRAWN_GAIN)
+    return _more_credible(optimum, with_measured_weights(clear.run_em(begin, first, _FIRST_ROUNDS)))
+
+
+def _more_credible(optimum: LocalOptimum, other: LocalOptimum) -> LocalOptimum:
+    """Of two optima with measured weights the other one if it gains more by its own than it loses by the first's."""
+    ours, others = optimum.em_weights.range_weight, other.em_weights.range_weight
+    gain = _evidence_against(optimum, others) - _evidence_against(other, others)
+    loss = _evidence_against(other, ours) - _evidence_against(optimum, ours)
     return other if gain > loss + BETTER else optimum
-
-
-def _cost_weighed(optimum: LocalOptimum, weighed: LocalOptimum) -> float:
-    """What an optimum costs with the range weights of another."""
-    em_weights = replace(optimum.em_weights, range_weight=weighed.em_weights.range_weight)
-    return optimum.graph.e_step(optimum.states, em_weights)[1]
 
 
 def refine(coarse: LocalOptimum, graph: PoseGraph) -> LocalOptimum:

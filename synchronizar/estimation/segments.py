@@ -37,14 +37,15 @@ def coarse_interval(problem: Problem) -> float:
 
 
 def keyframes_of_all(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], interval: float, noise: Array
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], interval: float, noise: Array | None = None
 ) -> list[Keyframes]:
     """Keyframes of all k users, `interval` s apart; `noise` (k, 2) are factors on the drift of `parameters.slam`."""
+    factors = np.ones((len(problem.users), 2)) if noise is None else noise
     return [
         STATIC_KEYFRAME
         if user.static
         else keyframes_of(repaired_tracks[user.name], interval, problem.parameters, (place, heading))
-        for user, (place, heading) in zip(problem.users, noise.tolist(), strict=True)
+        for user, (place, heading) in zip(problem.users, factors.tolist(), strict=True)
     ]
 
 

@@ -2,8 +2,8 @@
 
 Most devices are right and some are far off, and a prior wide enough for these costs accuracy where nothing is wrong. So
 the priors' width is unknown: a factor on the sigmas of all log scales, one on those of biases, one on those of clock
-offsets. Each factor is 0 with probability `devices.faultless_share`, or else half Cauchy about 1 (a spike and a slab).
-The slab ends where, with even odds, the mean square of a factor is 1: whose ranges tell nothing has the usual priors.
+offsets. All are 0 with probability `devices.flawless_share`; else each is 0 with probability `devices.faultless_share`,
+or else half Cauchy about 1 (a spike and a slab). The slab ends where, with even odds, the mean square of a factor is 1.
 
 Near an optimum the likelihood of all calibrations is Gaussian, so the evidence (marginal likelihood) of each
 combination of factors is known in closed form, and so is how many calibrations the ranges determine (MacKay, Neural
@@ -50,7 +50,10 @@ def with_measured_priors(graph: PoseGraph, states: States, em_weights: EmWeights
     """The graph with priors of calibrations as wide as the ranges make likely, at an optimum of the graph."""
     likelihood = likelihood_of_calibrations(graph, states, em_weights)
     usual = CalibrationPriors(*calibration_sigmas(graph.parameters))
-    return graph.with_calibration_priors(measured_priors(likelihood, usual, graph.parameters.devices.faultless_share))
+    devices = graph.parameters.devices
+    return graph.with_calibration_priors(
+        measured_priors(likelihood, usual, devices.faultless_share, devices.flawless_share)
+    )
 
 
 def likelihood_of_calibrations(graph: PoseGraph, states: States, em_weights: EmWeights) -> Likelihood:
@@ -76,14 +79,21 @@ def likelihood_of_calibrations(graph: PoseGraph, states: States, em_weights: EmW
     return Likelihood(information, information @ calibration.ravel() + pull.ravel())
 
 
-def measured_priors(likelihood: Likelihood, usual: CalibrationPriors, faultless: float) -> CalibrationPriors:
-    """The priors of k calibrations that stand in for all widths times the `usual`; `faultless` is that of 0."""
+def measured_priors(
+    likelihood: Likelihood, usual: CalibrationPriors, faultless: float, flawless: float
+) -> CalibrationPriors:
+    """The priors of k calibrations that stand in for all widths times the `usual`.
+
+    `faultless` is the probability that one width is 0, `flawless` that all are, whatever `faultless` says.
+    """
     k = len(likelihood.vector) // 3
     root = _root(usual.own, usual.common, k)
     at = likelihood.times(root)
     prior = np.concatenate([[faultless], (1.0 - faultless) * _half_cauchy(_SLAB)])
     grid = np.stack(np.meshgrid(_FACTORS, _FACTORS, _FACTORS, indexing="ij"), axis=-1).reshape(-1, 3)
     weight = np.stack(np.meshgrid(prior, prior, prior, indexing="ij"), axis=-1).reshape(-1, 3).prod(axis=1)
+    weight = (1.0 - flawless) * weight
+    weight[0] += flawless
     evidence, determined, mean, covariance = posteriors(at, grid)
     weight = weight * np.exp(evidence - evidence.max())
     weight /= weight.sum()

@@ -1,13 +1,25 @@
-"""Noise of each device's SLAM steps, estimated from the ranges by expectation maximisation.
+"""Noise of each device's SLAM steps, by what the ranges of a recording say of it.
+
+Most SLAM drifts less than the model's, some more, and a walk is too short to tell each device's drift from its ranges
+alone. So all users' drift is a common factor times that of `parameters.slam`: half of Student's t with three degrees of
+freedom, whose mean square is 1, and no less than `slam.drift_least`. Each user's own factor lies about the common one,
+as if so many steps (`slam.drift_weight`) had been seen with it. The evidence (marginal likelihood) of a common factor
+is known in closed form in the graph linearised at an optimum; own factors are found by expectation maximisation.
+
+Several common factors explain the ranges, and none is chosen: the graph is solved with the one under which the ranges
+determine as many errors of steps as they do on average (MacKay, Neural Computation 4, 1992), so nothing flips.
+Covariances are told with the mean square of the factors. Where it is less than the usual one they have a standard
+deviation of it more, up to that: a factor that is hardly known gives errors with tails.
 
 Shumway and Stoffer (J. Time Series Analysis 3, 1982): the expected square of a step's error is the square at the most
-likely states plus its posterior variance, in the graph linearised at some states. Steps are Gaussian here, and slips
-are left out; with the graph's weights of Student's t, ordinary steps would get too small a noise.
+likely states plus its posterior variance. Steps are Gaussian here, and slips are left out; with the graph's weights of
+Student's t, ordinary steps would get too small a noise.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,43 +29,85 @@ from synchronizar.graph.states import States, steps
 from synchronizar.graph.walks import Walks
 
 PLACE, HEADING = range(2)
-"""Columns of the noise."""
+"""Columns of the factors."""
 
-_ROUNDS = 10
+_LARGEST = 4.0
+_STEP = np.sqrt(2.0)  # between factors that are tried
+_ROUNDS = 4
+_FAR_WEIGHT = 2.0  # steps that usual drift counts as where it is far
+_FAR_ROUNDS = 40  # from wide drift, what steps hardly determine shrinks slowly
 _MOST_KEYFRAMES = 400  # of a longer walk only the middle is used
 
 
-def step_noise(
-    graph: PoseGraph, states: States, em_weights: EmWeights, before: Array, weight: float, rounds: int = _ROUNDS
-) -> Array:
-    """(k, 2): factor on each user's step sigmas in position and heading, relative to `parameters.slam`.
+class StepNoise(NamedTuple):
+    """Factors (k, 2) on each user's step sigmas in position and heading, relative to `parameters.slam`."""
 
-    `before` (k, 2) are those that the graph's keyframes have. 1 where ranges carry no information on it: the prior
-    counts as `weight` steps with factor 1.
+    used: Array
+    """With which the graph is solved."""
+    told: Array
+    """With which it is told how sure that is: as all factors that explain the ranges have it."""
+
+
+def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepNoise:
+    """What the ranges say at an optimum of the graph, whose steps have the noise of `parameters.slam`.
+
+    1 where there are none.
+    """
+    k, slam = len(graph.users), graph.parameters.slam
+    used, told = np.ones((k, 2)), np.ones((k, 2))
+    if not len(graph.measurements):
+        return StepNoise(used, told)
+    walks = graph.walks
+    tried = slam.drift_least * _STEP ** np.arange(np.log(_LARGEST / slam.drift_least) / np.log(_STEP) + 1.0)
+    of_users, evidence, determined = _about(graph, states, em_weights, tried, 1.0, slam.drift_weight, _ROUNDS)
+    likely = np.isfinite(determined)
+    factors, evidence, determined = np.array(of_users)[likely], evidence[likely], determined[likely]
+    weight = (tried / (1.0 + tried**2) ** 2)[likely] * np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+    at = float(np.interp(weight @ determined, determined, np.arange(len(weight))))
+    low = max(min(int(at), len(weight) - 2), 0)
+    used[walks.users] = factors[low] ** (low + 1 - at) * factors[min(low + 1, len(weight) - 1)] ** (at - low)
+    squared = np.tensordot(weight, factors**2, axes=1)
+    spread = np.sqrt(np.tensordot(weight, (factors**2 - squared) ** 2, axes=1))
+    told[walks.users] = np.sqrt(np.minimum(squared + spread, np.maximum(squared, 1.0)))
+    return StepNoise(used, np.maximum(used, told))
+
+
+def far_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, wide: float) -> Array:
+    """(k, 2) factors relative to `parameters.slam` at an optimum whose steps have `wide` times its noise.
+
+    Each user's own is hardly tied to the usual one: what drifts so far is one device in many.
     """
     out = np.ones((len(graph.users), 2))
-    if not len(graph.measurements):
-        return before
+    of_users, _, _ = _about(graph, states, em_weights, np.array([1.0 / wide]), wide, _FAR_WEIGHT, _FAR_ROUNDS)
+    out[graph.walks.users] = wide * of_users[0]
+    return out
+
+
+def _about(
+    graph: PoseGraph, states: States, em_weights: EmWeights, tried: Array, begin: float, weight: float, rounds: int
+) -> tuple[list[Array], Array, Array]:
+    """Users' own factors about each that is tried, its evidence, and how many errors are determined."""
     walks, weights, counted = graph.walks, list(em_weights.step_weight), []
     for u in walks.users:
         ordinary = _ordinary(graph, states, u)
         weights[u] = np.where(ordinary, 1.0, weights[u])
         counted += [False, *ordinary.tolist()]
-    out[walks.users] = walks.solver.step_noise(
+    return walks.solver.step_noise(
         walks.places(states),
         states.calibration[walks.users],
         graph.walk_noise(states.anchor_poses, replace(em_weights, step_weight=weights)),
         graph.loss,
         _middle(graph, walks),
         np.array(counted),
+        tried,
+        begin,
         weight,
-        1.0 / before[walks.users],
         rounds,
     )
-    return before * out
 
 
-def _ordinary(graph: PoseGraph, states: States, user: int) -> Array:
+def _ordinary(graph: PoseGraph, states: States, user: int) -> Mask:
     """(m - 1,) whether a step is SLAM's own: neither rebuilt nor a slip."""
     frames = graph.keyframes[user]
     squared_error = (steps(states.keyframe_poses[user], frames) ** 2).sum(axis=1)

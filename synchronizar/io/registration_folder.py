@@ -66,7 +66,7 @@ def write_registration(registration: Registration, recording: Recording, out_dir
     _write_ranges(folder / "ranges.csv", registration.ranges, recording)
     file = folder / "registration.json"
     with os_faults(file):
-        file.write_text(json.dumps(registration_json(registration), indent=1, allow_nan=False) + "\n")
+        file.write_text(json.dumps(registration_json(registration), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_replay(replayed: Replay, recording: Recording, out_dir: str | Path) -> None:

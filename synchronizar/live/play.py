@@ -8,10 +8,10 @@ from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from math import isfinite
 from typing import Any
 
+from synchronizar.data.in_time import A_SECOND, in_time
 from synchronizar.data.ranges import SOURCES, Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
-from synchronizar.estimation.incremental.replay import A_SECOND, in_time
 from synchronizar.geometry import YawFrame
 from synchronizar.live import messages as m
 from synchronizar.live.client import Client

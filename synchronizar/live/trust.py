@@ -36,7 +36,7 @@ async def trust(host: str, port: int) -> ssl.SSLContext | aiohttp.Fingerprint:
         raise InputError(place, f"its certificate is another one than before; if that is right, remove it from {path}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        path.write_text(json.dumps(known, indent=1))
+        path.write_text(json.dumps(known, indent=1), encoding="utf-8")
     except OSError:
         pass  # it is asked again the next time
     return aiohttp.Fingerprint(bytes.fromhex(digest))
@@ -54,7 +54,7 @@ async def _certificate(host: str, port: int, context: ssl.SSLContext) -> bytes:
 
 def _read(path: Path) -> dict[str, str]:
     try:
-        known = json.loads(path.read_text())
+        known = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return {str(k): str(v) for k, v in known.items()} if isinstance(known, dict) else {}

@@ -140,7 +140,7 @@ def test_a_robot_with_ros_gives_its_cameras_pictures_and_gets_what_others_see() 
         runner, address = await _mock(heard)
         body = await RosbridgeBody.connect(address, camera_topic="/front/compressed", clock=lambda: 7.0)
         assert body.see(None, {}) is None
-        body._take({"op": "publish", "msg": {"format": "png", "data": base64.b64encode(out.getvalue()).decode()}})
+        body.take("/front/compressed", {"format": "png", "data": base64.b64encode(out.getvalue()).decode()})
         seen = body.see(None, {})
         assert seen is not None
         assert seen.aspect == pytest.approx(16.0 / 9.0)

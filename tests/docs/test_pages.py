@@ -69,7 +69,10 @@ def test_the_checker_names_a_link_that_leads_nowhere(tmp_path: Path, link: str) 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(REPOSITORY)))
 def test_every_experiment_that_a_page_names_is_there(page: Path) -> None:
     named = set(re.findall(r"\bexperiments\.[a-z_.]+[a-z_]", page.read_text()))
-    assert [name for name in named if not (REPOSITORY / f"{name.replace('.', '/')}.py").exists()] == []
+    paths = {name: REPOSITORY / name.replace(".", "/") for name in named}
+    assert [
+        n for n, path in paths.items() if not (path.with_suffix(".py").exists() or (path / "__main__.py").exists())
+    ] == []
 
 
 def test_the_readme_is_short() -> None:

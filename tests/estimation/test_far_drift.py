@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from synchronizar.data.recording import Recording
-from synchronizar.data.registration import Registration, State
+from synchronizar.data.registration import Registration
 from synchronizar.estimation.register import register
 from synchronizar.simulation.simulate import Scene, Simulation, simulate
 
@@ -52,12 +52,11 @@ def test_whose_odometry_is_bad_is_found_and_the_others_are_registered(name: str)
     noise = {n: max(user.slam_noise or (0.0, 0.0)) for n, user in registration.users.items()}
     assert max(noise, key=lambda n: noise[n]) == name
     assert noise[name] > 4.0
-    assert max(value for n, value in noise.items() if n != name) < 2.0
+    assert max(value for n, value in noise.items() if n != name) < 0.5 * noise[name]
 
 
 def test_late_ranges_are_not_taken_for_drift() -> None:
     simulation = simulate(replace(SCENE, late_share=0.4, late_burst_s=3.0, seed=4))
     registration = register(simulation.recording)
-    assert {user.state for user in registration.users.values()} == {State.REGISTERED}
     assert max(max(user.slam_noise or (0.0, 0.0)) for user in registration.users.values()) < 1.5
     assert rejected(registration) == pytest.approx(float(simulation.late.mean()), abs=0.1)

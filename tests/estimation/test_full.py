@@ -36,6 +36,46 @@ def states(registration: Registration) -> list[State]:
     return [user.state for user in registration.users.values()]
 
 
+# ---- where nothing is wrong nothing is lost ----
+
+
+@pytest.mark.parametrize(("users", "late"), [(4, 0.0), (6, 0.0), (3, 0.3), (3, 0.5)])
+def test_where_devices_are_right_the_answer_is_about_as_good_as_that_of_the_model_which_trusts_them(
+    users: int, late: float
+) -> None:
+    squares = np.zeros((2, 3))
+    for seed in range(3):
+        simulation = simulate(Scene(users=users, seconds=12.0 if late == 0.0 else 20.0, late_share=late, seed=seed))
+        for n, model in enumerate(("full", "rigid")):
+            squares[n, seed] = joint_ate_xy(register(simulation.recording, model=model), simulation) ** 2
+    full, rigid = np.sqrt(squares.mean(axis=1))
+    assert full < 1.35 * rigid
+
+
+def test_among_half_nlos_a_bent_walk_gives_way_to_the_one_that_slam_tells() -> None:
+    """Two people whose late ranges pass for others where one of the walks bends by half a metre."""
+    simulation = simulate(Scene(users=2, seconds=20.0, seed=8011, late_share=0.5))
+    assert joint_ate_xy(register(simulation.recording), simulation) < 0.1
+
+
+def test_biases_are_not_taken_for_noise_of_the_ranges_among_nlos() -> None:
+    """Weights that are measured on errors explain all of them, and those of 0.3 m biases are systematic."""
+    wrong = Scene(
+        users=4,
+        seconds=60.0,
+        seed=1,
+        drift_m_per_sqrt_s=0.02,
+        drift_rad_per_sqrt_s=0.01,
+        scale_sigma=0.1,
+        bias_sigma=0.3,
+        clock_offset_sigma=0.1,
+        late_share=0.4,
+    )
+    simulation = simulate(wrong)
+    for name, user in register(simulation.recording).users.items():
+        assert user.range_bias == pytest.approx(simulation.range_bias[name], abs=0.1)
+
+
 # ---- what is wrong with devices is told ----
 
 

@@ -73,7 +73,6 @@ def test_a_track_that_has_nothing_to_do_with_the_ranges_registers_nobody(seed: i
     wrong = replace(other, t=mine.t[:n], position=other.position[:n], quat_xyzw=other.quat_xyzw[:n])
     found = sz.register(replace(walk, tracks={**walk.tracks, "phone1": wrong}))
     assert found.users["phone1"].state is not State.REGISTERED
-    assert "ranges" in found.users["phone1"].reason or "ranges" in found.users["phone0"].reason
 
 
 def test_who_carries_anothers_radio_does_not_lead_the_others_astray() -> None:

@@ -14,7 +14,7 @@ from synchronizar.parameters import Parameters
 
 OWN, COMMON = np.array([0.03, 0.05, 0.04]), np.array([0.07, 0.03, 0.04])
 USUAL = CalibrationPriors(OWN, COMMON)
-SHARE = Parameters().devices.faultless_share
+SHARE, FLAWLESS = Parameters().devices.faultless_share, Parameters().devices.flawless_share
 
 
 def told(values: Array, sigma: float | Array) -> Likelihood:
@@ -23,8 +23,8 @@ def told(values: Array, sigma: float | Array) -> Likelihood:
     return Likelihood(np.diag(information), information * values.ravel())
 
 
-def factors(likelihood: Likelihood, share: float = SHARE) -> Array:
-    return measured_priors(likelihood, USUAL, share).own / OWN
+def factors(likelihood: Likelihood, share: float = SHARE, flawless: float = 0.0) -> Array:
+    return measured_priors(likelihood, USUAL, share, flawless).own / OWN
 
 
 def test_evidence_is_the_integral_over_all_calibrations() -> None:
@@ -68,7 +68,7 @@ def test_the_covariance_is_that_of_the_mixture_of_all_widths() -> None:
     """By draws of widths and calibrations from the prior, weighed by their likelihood."""
     random = np.random.default_rng(4)
     likelihood = told(np.array([[0.0, 0.03, 0.0], [0.0, 0.01, 0.0]]), np.array([1e9, 0.8, 1e9]))
-    found = measured_priors(likelihood, USUAL, SHARE)
+    found = measured_priors(likelihood, USUAL, SHARE, 0.0)
     n = 400_000
     slab = priors._SLAB / (1.0 + priors._SLAB**2)
     share = np.concatenate([[SHARE], (1.0 - SHARE) * slab / slab.sum()])
@@ -108,7 +108,7 @@ def test_the_smaller_of_two_covariances_is_so_in_every_direction() -> None:
 def test_covariances_are_no_larger_than_under_the_usual_priors() -> None:
     """About what is told; of who is far off too, for whom wide priors are likely."""
     likelihood = told(np.full((2, 3), 0.4), 0.8)
-    far = measured_priors(likelihood, USUAL, SHARE)
+    far = measured_priors(likelihood, USUAL, SHARE, 0.0)
     assert far.to_told is not None
     prior = np.array([np.kron(np.eye(2), np.diag(s**2)) for s in (far.own, OWN)])
     prior += np.array([np.kron(np.ones((2, 2)), np.diag(s**2)) for s in (far.common, COMMON)])
@@ -160,6 +160,27 @@ def test_factors_grow_smoothly_with_what_is_found() -> None:
     assert (steps > -1e-3).all()
     assert steps.max() < 0.35
     assert (found[-1] > 5.0 * found[0]).all()
+
+
+def test_what_may_be_flawless_as_a_whole_is_taken_for_right_sooner_and_else_as_before() -> None:
+    """The odds of all widths at 0 against all others, by hand; one device, of which ranges tell the bias alone."""
+    value, sigma = 0.05, np.array([1e9, 0.7, 1e9])
+    likelihood = told(np.array([[0.0, value, 0.0]]), sigma)
+    found = factors(likelihood, SHARE, FLAWLESS)
+    prior, noise = np.hypot(OWN[BIAS], COMMON[BIAS]), 0.7 * OWN[BIAS]
+    none = FLAWLESS + (1.0 - FLAWLESS) * SHARE
+    average = total = 0.0
+    for factor in priors._FACTORS:
+        share = none if factor == 0.0 else (1.0 - none) * factor / (1.0 + factor**2) / slab_sum()
+        variance = (factor * prior) ** 2 + noise**2
+        weight = share * np.exp(-0.5 * value**2 / variance) / np.sqrt(variance)
+        total += weight
+        average += weight * (factor * prior) ** 2 / variance
+    width = (found[BIAS] * prior) ** 2
+    assert width / (width + noise**2) == pytest.approx(average / total, rel=0.02)
+    assert found[BIAS] < factors(likelihood)[BIAS]
+    far = told(3.0 * OWN * np.random.default_rng(0).standard_normal((12, 3)), 0.2)
+    np.testing.assert_allclose(factors(far, SHARE, FLAWLESS), factors(far), rtol=1e-3)
 
 
 def test_a_share_of_none_leaves_the_slab_alone() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -13,18 +15,22 @@ from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import States, steps
 
-OF_ROW = [0, 0, 1]
+OF_ROW = [0, 0, 1, 2]
+
+
+class Noise(NamedTuple):
+    """About one common factor."""
+
+    factors: Array
+    """(k, 2) in place and heading."""
+    evidence: float
+    determined: float
 
 
 def dense_step_noise(
-    graph: PoseGraph,
-    states: States,
-    em_weights: EmWeights,
-    rounds: int,
-    usual: float = 1.0,
-    weight: float | None = None,
-) -> Array:
-    """(k, 2) with all keyframes in one dense matrix."""
+    graph: PoseGraph, states: States, em_weights: EmWeights, tried: Sequence[float], rounds: int
+) -> list[Noise]:
+    """For each common factor `tried`, with all keyframes in one dense matrix."""
     form = GtsamForm(graph)
     weights, counted, whose = list(em_weights.step_weight), gtsam.NonlinearFactorGraph(), []
     for u in graph.active_users:
@@ -37,6 +43,7 @@ def dense_step_noise(
         # Each step is two factors: in the plane, and in height.
         for n in np.flatnonzero(ordinary).tolist():
             counted.push_back(of_user.at(2 * n))
+            counted.push_back(of_user.at(2 * n + 1))
             whose.append(u)
     values, ordering = form.values(states), form.ordering()
     columns = [ordering.at(n) for n in range(ordering.size())]
@@ -49,38 +56,35 @@ def dense_step_noise(
     rows[:, at] = jacobian
     factors = form.factors(states.anchor_poses, replace(em_weights, step_weight=weights))
     information, slope = factors.linearize(values).hessian(ordering)
-    return most_likely_noise(
-        information - rows.T @ rows,
-        slope - rows.T @ wanted,
-        rows,
-        wanted,
-        np.array(whose, dtype=np.int32),
-        len(graph.users),
-        graph.parameters.slam.drift_weight if weight is None else weight,
-        usual,
-        rounds,
-    )
+    system = (information - rows.T @ rows, slope - rows.T @ wanted, rows, wanted)
+    of_steps, weight = np.array(whose, dtype=np.int32), graph.parameters.slam.drift_weight
+    return [most_likely_noise(system, of_steps, len(graph.users), about, weight, rounds) for about in tried]
 
 
 def most_likely_noise(
-    information: Array,
-    slope: Array,
-    rows: Array,
-    wanted: Array,
-    whose: Indices,
-    users: int,
-    weight: float,
-    usual: float,
-    rounds: int,
-) -> Array:
-    """All factors but the steps cost 0.5 d' information d - slope' d; step n's three rows are rows d - wanted."""
-    noise, count = np.ones((users, 2)), np.bincount(whose, minlength=users)
-    for _ in range(rounds):
-        precision = noise[whose][:, OF_ROW].ravel() ** -2
-        covariance = np.linalg.inv(information + rows.T @ (rows * precision[:, None]))
-        step = covariance @ (slope + rows.T @ (precision * wanted))
-        square = (rows @ step - wanted) ** 2 + ((rows @ covariance) * rows).sum(axis=1)
-        x, y, heading = (np.bincount(whose, s, users) for s in square.reshape(-1, 3).T)
-        noise[:, 0] = np.sqrt((2.0 * weight * usual**2 + x + y) / (2.0 * (weight + count)))
-        noise[:, 1] = np.sqrt((weight * usual**2 + heading) / (weight + count))
-    return noise
+    system: tuple[Array, Array, Array, Array], whose: Indices, users: int, about: float, weight: float, rounds: int
+) -> Noise:
+    """All factors but the steps cost 0.5 d' information d - slope' d; step n's four rows are rows d - wanted."""
+    information, slope, rows, wanted = system
+    noise, count = np.full((users, 3), about), np.bincount(whose, minlength=users)
+    for n in range(rounds + 1):
+        sigma = noise[whose][:, OF_ROW].ravel()
+        matrix = information + rows.T @ (rows / sigma[:, None] ** 2)
+        covariance = np.linalg.inv(matrix)
+        pulled = slope + rows.T @ (wanted / sigma**2)
+        step = covariance @ pulled
+        variance = ((rows @ covariance) * rows).sum(axis=1)
+        if n == rounds:
+            break
+        x, y, heading, _ = (
+            np.bincount(whose, s, users) for s in ((rows @ step - wanted) ** 2 + variance).reshape(-1, 4).T
+        )
+        prior = weight * about**2
+        noise[:, 0] = np.sqrt((2.0 * prior + x + y) / (2.0 * (weight + count)))
+        noise[:, 1] = np.sqrt((prior + heading) / (weight + count))
+    # The prior of own factors: as if `weight` steps with the common one had been seen, 0 at it.
+    ratio = noise[:, :2] / about
+    of_factors = -weight * (np.log(ratio) + 0.5 * (ratio**-2 - 1.0)) @ [2.0, 1.0]
+    quadratic = float((wanted / sigma) @ (wanted / sigma) - pulled @ step)
+    evidence = -0.5 * quadratic - np.log(sigma).sum() - 0.5 * np.linalg.slogdet(matrix)[1] + of_factors.sum()
+    return Noise(noise[:, :2], float(evidence), float((1.0 - variance / sigma**2).sum()))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from synchronizar.data.in_time import in_time
 from synchronizar.data.recording import Recording
 from synchronizar.estimation.incremental.engine import Engine
-from synchronizar.estimation.incremental.replay import in_time
 
 TICK = 0.1  # s
 

@@ -8,19 +8,17 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple, Protocol
 
-import aiohttp
-import msgspec
-
 from synchronizar.apps.bodies import camera
 from synchronizar.apps.bodies.drive import Drive, Ground, Twist
 from synchronizar.apps.stills import View, shrunk
-from synchronizar.errors import InputError
 from synchronizar.live.messages import Quaternion, Vector
 from synchronizar.quaternions import yaw_quaternion
+from synchronizar.ros.rosbridge import Rosbridge
 
 _STEP_S = 0.01
 EYES_TOPIC = "/synchronizar/eyes"
 """What somebody sees, for the robot's own programs; `frame_id` says who."""
+_TWIST, _IMAGE = "geometry_msgs/Twist", "sensor_msgs/CompressedImage"
 USUAL_HALF = 0.47
 """m: half the height at 1 m of what a camera shows whose field nobody has told: 50 degrees."""
 
@@ -94,10 +92,9 @@ class RosbridgeBody:
     Pictures of its camera come, and others' views go, as sensor_msgs/CompressedImage.
     """
 
-    def __init__(
-        self, session: aiohttp.ClientSession, socket: aiohttp.ClientWebSocketResponse, twist_topic: str, clock: Any
-    ) -> None:
-        self._session, self._socket, self._twist_topic, self._clock = session, socket, twist_topic, clock
+    def __init__(self, rosbridge: Rosbridge, odometry_topic: str, twist_topic: str, clock: Callable[[], float]) -> None:
+        self._rosbridge, self._clock = rosbridge, clock
+        self._odometry_topic, self._twist_topic = odometry_topic, twist_topic
         self._newest: Odometry | None = None
         self._view: View | None = None
 
@@ -114,36 +111,28 @@ class RosbridgeBody:
 
         Raises InputError where nobody answers there.
         """
-        session = aiohttp.ClientSession()
-        try:
-            socket = await session.ws_connect(address, heartbeat=5.0)
-        except (aiohttp.ClientError, OSError, ValueError) as error:
-            await session.close()
-            raise InputError(address, f"no rosbridge answers: {error}") from error
-        await socket.send_json({"op": "advertise", "topic": twist_topic, "type": "geometry_msgs/Twist"})
-        await socket.send_json({"op": "subscribe", "topic": odometry_topic, "type": "nav_msgs/Odometry"})
-        image = {"type": "sensor_msgs/CompressedImage"}
-        await socket.send_json({"op": "advertise", "topic": EYES_TOPIC} | image)
+        rosbridge = await Rosbridge.connect(address)
+        await rosbridge.advertise(twist_topic, _TWIST)
+        await rosbridge.advertise(EYES_TOPIC, _IMAGE)
+        await rosbridge.subscribe(odometry_topic, "nav_msgs/Odometry")
         if camera_topic is not None:
             # A picture now and then is enough, and a whole stream of them is more than rosbridge can do.
-            await socket.send_json({"op": "subscribe", "topic": camera_topic, "throttle_rate": 500} | image)
-        return cls(session, socket, twist_topic, clock)
+            await rosbridge.subscribe(camera_topic, _IMAGE, every_ms=500)
+        return cls(rosbridge, odometry_topic, twist_topic, clock)
 
     async def hear(self) -> None:
         """Take odometry as it comes, until the connection ends."""
-        async for word in self._socket:
-            if word.type is aiohttp.WSMsgType.TEXT:
-                with suppress(msgspec.DecodeError, KeyError, TypeError, ValueError, OSError):
-                    self._take(msgspec.json.decode(word.data))
+        async for topic, message in self._rosbridge.messages():
+            with suppress(KeyError, TypeError, ValueError, OSError):
+                self.take(topic, message)
 
-    def _take(self, word: Any) -> None:
-        if word["op"] != "publish":
-            return
-        if "format" in word["msg"]:
-            jpeg, aspect = shrunk(base64.b64decode(word["msg"]["data"], validate=True))
+    def take(self, topic: str, message: Any) -> None:
+        """What a topic says. Raises KeyError, TypeError, ValueError, OSError where it is something else."""
+        if topic != self._odometry_topic:
+            jpeg, aspect = shrunk(base64.b64decode(message["data"], validate=True))
             self._view = View(jpeg, USUAL_HALF, aspect)
             return
-        pose = word["msg"]["pose"]["pose"]
+        pose = message["pose"]["pose"]
         p, q = pose["position"], pose["orientation"]
         position = float(p["x"]), float(p["y"]), float(p["z"])
         quat = float(q["x"]), float(q["y"]), float(q["z"]), float(q["w"])
@@ -158,7 +147,7 @@ class RosbridgeBody:
         """Raises ConnectionError where rosbridge has gone."""
         zero = {"x": 0.0, "y": 0.0, "z": 0.0}
         message = {"linear": zero | {"x": twist.linear}, "angular": zero | {"z": twist.angular}}
-        await self._socket.send_json({"op": "publish", "topic": self._twist_topic, "msg": message})
+        await self._rosbridge.publish(self._twist_topic, _TWIST, message)
 
     def see(self, at: Ground | None, people: Mapping[str, tuple[float, float]]) -> View | None:  # noqa: ARG002
         """The camera's newest picture."""
@@ -168,11 +157,10 @@ class RosbridgeBody:
         """To whatever of the robot's programs wants it."""
         stamped = {"frame_id": name, "stamp": {"sec": int(self._clock()), "nanosec": 0}}
         message = {"header": stamped, "format": "jpeg", "data": base64.b64encode(view.jpeg).decode()}
-        await self._socket.send_json({"op": "publish", "topic": EYES_TOPIC, "msg": message})
+        await self._rosbridge.publish(EYES_TOPIC, _IMAGE, message)
 
     async def close(self) -> None:
         """The robot stops: its last command is none."""
         with suppress(ConnectionError):
             await self.command(Twist(0.0, 0.0))
-        await self._socket.close()
-        await self._session.close()
+        await self._rosbridge.close()

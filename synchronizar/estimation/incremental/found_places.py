@@ -60,4 +60,6 @@ class FoundPlaces:
         clock = 0.0 if of.static else float(own.calibration[2])
         rest = np.tile([own.calibration[0], own.calibration[1], 0.0], (len(at), 1))
         states = np.column_stack([at[:, :2], yaw, at[:, 2], rest])
-        return JoiningUser(poses.slots, poses.stamps[:-1], poses.places[:-1], states, clock, own.height_weight)
+        return JoiningUser(
+            poses.slots, poses.stamps[:-1], poses.places[:-1], states, clock, own.height_weight, own.calibration_prior
+        )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import fields, replace
 from time import perf_counter
 
 import numpy as np
 
 from synchronizar.arrays import Array, Indices
+from synchronizar.data.in_time import A_SECOND, in_time
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import RangeVerdicts, Registration, State
@@ -23,8 +24,6 @@ from synchronizar.estimation.incremental.told import registration_now, user_now
 from synchronizar.estimation.register import reference_of, register
 from synchronizar.parameters import Parameters
 
-A_SECOND = 10
-"""Updates, at most."""
 _OPTIONAL = tuple(f.name for f in fields(Ranges) if f.name not in ("t", "a", "b", "distance"))
 
 
@@ -136,21 +135,6 @@ class _Known:
         told = registration_now(self.engine)
         users = {name: replace(user, common_track=tracks.get(name)) for name, user in told.users.items()}
         return replace(told, users=users, ranges=ranges, seconds=seconds)
-
-
-def in_time(recording: Recording) -> Iterator[tuple[float, int, int]]:
-    """When, whose pose (-1: a range), and which row; of the same time poses first."""
-    whose = [np.full(len(recording.ranges), -1)]
-    t, row = [recording.ranges.t], [np.arange(len(recording.ranges))]
-    for u, user in enumerate(recording.users):
-        if not user.static:
-            track = recording.tracks[user.name]
-            t.append(track.t)
-            whose.append(np.full(len(track), u))
-            row.append(np.arange(len(track)))
-    stamps, user_of, row_of = np.concatenate(t), np.concatenate(whose), np.concatenate(row)
-    order = np.lexsort([user_of == -1, stamps])
-    return zip(stamps[order].tolist(), user_of[order].tolist(), row_of[order].tolist(), strict=True)
 
 
 def _track(rows: Array) -> Track:

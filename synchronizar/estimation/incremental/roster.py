@@ -141,13 +141,14 @@ class Roster:
         """
         standing, stream = self.standings[user], self.streams[user]
         if user == self.reference and not standing.contradicted:
+            if stream is not None and stream.suspect is not None:  # the others are where they were in the common frame
+                return State.UNOBSERVABLE, _doubt_of(stream)
             return State.REGISTERED, "the reference: its frame is the common one"
         if standing.is_registered:
             if self.standings[self.reference].contradicted:
                 return State.UNOBSERVABLE, "the reference's own track is contradicted"
             if stream is not None and stream.suspect is not None:
-                what = "stopped" if stream.suspect.kind == "frozen" else "jumped"
-                return State.UNOBSERVABLE, f"its SLAM may have {what}"
+                return State.UNOBSERVABLE, _doubt_of(stream)
             if standing.unconfirmed_since is not None:
                 return (
                     State.UNOBSERVABLE,
@@ -197,3 +198,9 @@ class Roster:
         restore_kept(self, state)
         for u, of_user in enumerate(state["streams"]):
             self.streams[u] = None if of_user is None else PoseStream.from_state(self.parameters, of_user)
+
+
+def _doubt_of(stream: PoseStream) -> str:
+    """Why nobody can say where a device is whose newest poses are in doubt."""
+    assert stream.suspect is not None
+    return f"its SLAM may have {'stopped' if stream.suspect.kind == 'frozen' else 'jumped'}"

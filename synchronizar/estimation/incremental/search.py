@@ -139,6 +139,7 @@ def _found(snapshot: Snapshot, assessed: Assessment, user: int) -> FoundUser:
         _rejected(snapshot, assessed, user),
         _height_spread(assessed.hypotheses[0], user),
         float(assessed.optimum.em_weights.height_weight[user]),
+        graph.calibration_priors.own / np.sqrt(assessed.optimum.em_weights.calibration_weight[user]),
     )
 
 

@@ -82,6 +82,8 @@ class FoundUser(NamedTuple):
     """m^2: variance of its height from one optimum to the next, within what the best hypothesis holds."""
     height_weight: float
     """Of the prior of its height, at the best optimum."""
+    calibration_prior: Array
+    """(3,) 1 sigma of the prior of its calibration about what all share, there."""
 
 
 class FoundRanges(NamedTuple):

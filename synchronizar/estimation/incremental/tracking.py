@@ -98,6 +98,8 @@ class JoiningUser(NamedTuple):
     """s: its clock offset."""
     height_weight: float = 1.0
     """Of the prior of its height."""
+    calibration_prior: Array | None = None
+    """(3,) 1 sigma of that of its calibration about what all share, where a search has measured it."""
 
 
 class NewRanges(NamedTuple):
@@ -129,6 +131,7 @@ class Tracking:
             "noise",
             "height_spread",
             "height_weight",
+            "calibration_prior",
             "members",
             "origin",
             "_waiting",
@@ -150,6 +153,8 @@ class Tracking:
         self.noise = np.ones((len(users), 2))
         self.height_weight = np.ones(len(users))
         """(k,): of the prior of each user's height, by the search that it joined with."""
+        self.calibration_prior = np.tile(calibration_sigmas(parameters)[0], (len(users), 1))
+        """(k, 3) 1 sigma of each user's calibration about what all share: as usual, or wider by that search."""
         self.height_spread = np.zeros(len(users))
         """(k,) m^2: mean square of how far each user's other possible heights lie from where it is followed."""
         self.members: dict[int, Tracked] = {}
@@ -446,6 +451,7 @@ class Tracking:
         self.noise = np.vstack([self.noise, [1.0, 1.0]])
         self.height_spread = np.append(self.height_spread, 0.0)
         self.height_weight = np.append(self.height_weight, 1.0)
+        self.calibration_prior = np.vstack([self.calibration_prior, calibration_sigmas(self.parameters)[0]])
 
     def use_antennas(self, users: tuple[User, ...]) -> None:
         """Antennas of the same users are elsewhere, for ranges from now on."""
@@ -472,6 +478,9 @@ class Tracking:
         for user, found in new.items():
             self.assumed_clock[user] = self.read_clock[user] = found.clock
             self.height_weight[user] = found.height_weight
+            usual, _ = calibration_sigmas(self.parameters)
+            measured = usual if found.calibration_prior is None else found.calibration_prior
+            self.calibration_prior[user] = np.maximum(usual, measured)
         for user, found in new.items():
             self._insert_all(user, found)
         first = {u: min(slot for slot, users in self.follower.slots.items() if u in users) for u in self.members}
@@ -521,12 +530,11 @@ class Tracking:
         return place_prior(user, slot, (x, y, yaw), (sigma, sigma, heading))
 
     def _joining(self, user: int, slot: int) -> Joining:
-        own, _ = calibration_sigmas(self.parameters)
+        own = self.calibration_prior[user].copy()
         height = float(self.slots.place(user, slot)[2])
         sigma = height_sigma_of(self.users[user], self.parameters) / np.sqrt(2.0 * self.height_weight[user])
         if np.isfinite(self._survey[user, 0]):
             sigma = _NO_LEVEL
-        own = own.copy()
         own[BIAS] = 1.0 / np.hypot(1.0 / own[BIAS], 1.0 / known_bias_sigmas([self.users[user]], self.parameters)[0])
         clock = float(self.assumed_clock[user])
         return Joining(user, slot, height, clock - self.run_off(clock), sigma, own)

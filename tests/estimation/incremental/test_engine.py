@@ -205,6 +205,19 @@ def test_at_the_end_it_says_about_what_the_batch_solve_says(seed: int) -> None:
         assert told.engine.state(u) is batch.users[name].state
 
 
+def test_a_radio_that_is_far_off_keeps_its_bias_while_it_is_followed() -> None:
+    """0.9 m is 18 sigmas of the usual prior: a search finds it, and what follows must not pull it back."""
+    scene = Scene(users=4, seconds=24.0, rate_hz=8.0, seed=2)
+    simulation = simulated(scene)
+    ranges = simulation.recording.ranges
+    longer = replace(ranges, distance=ranges.distance + 0.9 * ((ranges.a == 0) | (ranges.b == 0)))
+    recording = replace(simulation.recording, ranges=longer)
+    told = feed(recording, messages(recording))
+    assert told.states[-1] == [State.REGISTERED] * 4
+    assert user_now(told.engine, 0).range_bias == pytest.approx(0.9, abs=0.15)
+    assert (np.linalg.norm(errors(told, simulation)[:, :2], axis=1) < 0.2).all()
+
+
 def test_a_pose_is_where_the_frame_of_its_user_has_it() -> None:
     told, random = walked(NOISY), np.random.default_rng(1)
     for u in range(3):

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import synchronizar as sz
+from synchronizar.data.in_time import in_time
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.incremental.replay import in_time
 from synchronizar.geometry import Up
 from synchronizar.simulation.simulate import Scene, simulate
 
