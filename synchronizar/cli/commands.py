@@ -22,11 +22,12 @@ from synchronizar.simulation.scene import SCHEMES, Scene
 
 if TYPE_CHECKING:
     from synchronizar.cli.parser import Command
+    from synchronizar.convert.asked import Asked
+    from synchronizar.convert.importing import Part
+    from synchronizar.data.exported import Exported
     from synchronizar.data.findings import Finding
     from synchronizar.data.recording import Recording
     from synchronizar.data.registration import Registration
-    from synchronizar.data.track import Track
-    from synchronizar.data.updates import Update
     from synchronizar.diagnosis.summary import Summary
 
 FOUND = 1
@@ -212,8 +213,7 @@ def _plot(options: argparse.Namespace) -> None:
             import rerun  # noqa: F401
         from synchronizar.convert.rerun_out import write_rerun
 
-        registration, tracks, updates = _answer(options.out, recording)
-        write_rerun(options.out / "answer.rrd", recording, registration, tracks, updates)
+        write_rerun(options.out / "answer.rrd", _answer(options.out, recording))
         print_result(str(options.out / "answer.rrd"))
     else:
         from synchronizar.reporting.plots import plot
@@ -233,6 +233,7 @@ def _convert(options: argparse.Namespace) -> None:
 def _convert_out(options: argparse.Namespace) -> None:
     """Write a recording, and an answer about it, in another format."""
     from synchronizar.convert.formats import FORMATS, WRITTEN, format_named
+    from synchronizar.data.exported import Exported
 
     if options.out is None:
         raise InputError(options.source, "is a recording: say where it is to be written, and in what format")
@@ -248,28 +249,27 @@ def _convert_out(options: argparse.Namespace) -> None:
             import_module(target.writer_extra[1])
     write = target.writing()
     recording, _ = _loaded(options.source)
-    if options.answer is None:
-        write(options.out, recording, None, None, [])
-    else:
-        write(options.out, recording, *_answer(options.answer, recording))
+    write(options.out, Exported(recording) if options.answer is None else _answer(options.answer, recording))
     print_result(str(options.out))
 
 
-def _answer(folder: Path, recording: Recording) -> tuple[Registration, dict[str, Track], list[Update]]:
-    """What `register` or `replay` wrote about a recording; updates are of a replay."""
+def _answer(folder: Path, recording: Recording) -> Exported:
+    """A recording, and what `register` or `replay` wrote about it; updates are of a replay."""
+    from synchronizar.data.exported import Exported
     from synchronizar.io.registration_reader import read_registration
     from synchronizar.io.updates_jsonl import UPDATES_FILE, read_updates
 
     replayed = (folder / UPDATES_FILE).exists()
     registration, tracks = read_registration(folder, recording, causal=replayed)
-    return registration, tracks, read_updates(folder / UPDATES_FILE, recording) if replayed else []
+    updates = read_updates(folder / UPDATES_FILE, recording) if replayed else []
+    return Exported(recording, registration, tracks, updates)
 
 
 def _convert_in(options: argparse.Namespace) -> None:
     """Make a recording of something else, and check it."""
     from synchronizar.convert import importing
     from synchronizar.convert.asked import Asked
-    from synchronizar.convert.saving import check_place, is_recording, save
+    from synchronizar.convert.saving import check_place
 
     asked = Asked(**{f.name: getattr(options, f.name) for f in fields(Asked)})
     parts, unknown = importing.parts_of(options.source, options.from_format)
@@ -283,6 +283,16 @@ def _convert_in(options: argparse.Namespace) -> None:
     if options.to not in (None, "recording"):
         raise InputError("--to", f"{options.source} has to become a recording before it is written as {options.to}")
     check_place(options.out, options.force or options.add)
+    # All that was read is let go of before it is read again, to be checked.
+    notes = _save_imported(options, asked, parts, unknown)
+    _print_conversion(options, [part.format.name for part in parts], notes)
+
+
+def _save_imported(options: argparse.Namespace, asked: Asked, parts: list[Part], unknown: list[Path]) -> list[str]:
+    """Write the recording; returns what was taken for granted."""
+    from synchronizar.convert import importing
+    from synchronizar.convert.saving import is_recording, save
+
     with ExitStack() as needs, bar(f"reading {options.source}") as progress:
         for part in parts:
             needs.enter_context(_extra(part.format.reader_extra))
@@ -290,7 +300,7 @@ def _convert_in(options: argparse.Namespace) -> None:
     added_to = options.out if options.add and is_recording(options.out) else None
     recording, truth = importing.recording_of(options.source, imported, asked, added_to)
     save(recording, truth, options.out)
-    _print_conversion(options, [part.format.name for part in parts], imported.notes)
+    return imported.notes
 
 
 def _print_conversion(options: argparse.Namespace, formats: list[str], notes: list[str]) -> None:

@@ -10,9 +10,15 @@ LENGTH_UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "ft": 
 """m in one of each."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """s in one of each."""
+_BEYOND_S = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ANGLE_UNITS = ("rad", "deg")
 STAMPS = ("header", "log")
 """Which stamp of a message counts: its own header's, or when it was written to the file."""
+
+
+def time_unit_by_size(value: float) -> str:
+    """The unit of a stamp that does not say it: numbers that can be no seconds since 1970 are of a smaller one."""
+    return next((unit for beyond, unit in _BEYOND_S if abs(value) > beyond), "s")
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,9 @@ def _carry(imported: Imported, radios: Mapping[str, Radio]) -> None:
                 antennas[k] = radios[name].antenna or antennas[k]
     for radio in radios.values():
         user = imported.users.get(radio.user, User(radio.user))
+        if radio.position is not None:
+            sigma = radio.position_sigma
+            imported.users[radio.user] = replace(user, static=True, position=radio.position, position_sigma=sigma)
         if radio.lever is not None:
             levers = {**user.antennas, radio.antenna: radio.lever}
             imported.users[radio.user] = replace(user, antennas=levers)
@@ -115,7 +118,7 @@ def _usable(imported: Imported, whose: str, rows: Array) -> Array:
 
 def _users(imported: Imported, tracks: Mapping[str, Track], asked: Asked) -> dict[str, User]:
     """Everybody: who has a track, and who has ranges and none, which can only be a radio that stands still."""
-    users = {name: replace(imported.users.get(name, User(name)), static=False) for name in tracks}
+    users = {name: _moving(imported.users.get(name, User(name))) for name in tracks}
     still, moving = [], []
     for name in sorted({*imported.ranges.a, *imported.ranges.b, *asked.static} - users.keys()):
         known = imported.users.get(name, User(name))
@@ -127,7 +130,8 @@ def _users(imported: Imported, tracks: Mapping[str, Track], asked: Asked) -> dic
         users[name] = replace(known, static=True, antennas={})
     if still:
         imported.note(
-            f"{listed(still)}: ranges and no track, so taken to stand still (--without NAME leaves one out that moves)"
+            f"{listed(still)}: ranges and no track, so taken to stand still (--rename NAME=DEVICE says whose it is,"
+            " --without NAME leaves one out that moves)"
         )
     if moving:
         imported.note(
@@ -138,6 +142,10 @@ def _users(imported: Imported, tracks: Mapping[str, Track], asked: Asked) -> dic
         kept = [k for k, ends in enumerate(zip(here.a, here.b, strict=True)) if not set(ends) & set(moving)]
         imported.ranges = here.rows(kept)
     return users
+
+
+def _moving(user: User) -> User:
+    return replace(user, static=False, position=None, position_sigma=None)
 
 
 def _ranges_to(name: str, imported: Imported, tracks: Mapping[str, Track]) -> dict[str, tuple[Track, Array, Array]]:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.convert.asked import LENGTH_UNITS, TIME_UNITS, Asked
+from synchronizar.convert.asked import LENGTH_UNITS, TIME_UNITS, Asked, time_unit_by_size
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.mapping import mapped
 from synchronizar.convert.source import Source
@@ -61,7 +61,6 @@ _NAMES = {
 """Usual names of each column; those of y, z and of qx, qy, qz follow from x and qw."""
 _UNIT = re.compile(r"(?i)[\s_.(\[]+(ns|us|µs|ms|sec|s|m|mm|cm|ft|deg|degrees|rad)[\])\s]*$")
 _LITERAL = ("a", "b", "user", "antenna_a", "antenna_b")
-_BEYOND_S = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """Stamps since 1970 that are larger are of that unit."""
 
 
@@ -237,7 +236,7 @@ def _times(
     unit = asked.time_unit or _unit_in(name, TIME_UNITS) or ("ns" if name == "%time" else None)
     if unit is None:
         size = float(np.median(np.abs(t[np.isfinite(t)]))) if np.isfinite(t).any() else 0.0
-        unit = next((unit for beyond, unit in _BEYOND_S if size > beyond), "s")
+        unit = time_unit_by_size(size)
         if unit != "s":
             imported.note(f"{name} is taken to be in {unit}, since it is {size:.6g} (--time-unit says otherwise)")
     return t * TIME_UNITS[unit]

@@ -7,10 +7,7 @@ A format that comes in has a module with two functions:
 
 A format that goes out has a function (`module:name`), which raises InputError where the file cannot be written:
 
-    write(path: Path, recording: Recording, registration: Registration | None, tracks: Mapping[str, Track] | None,
-          updates: Sequence[Update]) -> None
-
-With an answer, `tracks` are those in the common frame; `updates` are what a replay wrote, if it was one.
+    write(path: Path, exported: Exported) -> None
 """
 
 from __future__ import annotations

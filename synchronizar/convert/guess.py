@@ -7,19 +7,33 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from synchronizar.convert.fields import Field, Topic
+from synchronizar.convert.fields import SECONDS, Field, Topic
 from synchronizar.convert.mapping import Mapped
-from synchronizar.convert.names import OBSTACLE_WORDS, SLAM_WORDS, TRUTH_WORDS, has_word, pair_of_topic, users_of_topics
+from synchronizar.convert.names import (
+    OBSTACLE_WORDS,
+    PLAN_WORDS,
+    SLAM_WORDS,
+    TRUTH_WORDS,
+    has_word,
+    pair_of_topic,
+    users_of_topics,
+)
 from synchronizar.errors import InputError
 from synchronizar.io.text import quoted
 
 POSE_PATHS = ("pose.pose", "pose", "transform", "")
 """Where a pose may be in a message: position and orientation, or translation and rotation, stand below."""
+_LIST_PATHS = ("poses[].pose", "poses[]")
+"""Where the poses of a path are, each with a stamp of its own."""
 _POSE_RANK = {"nav_msgs/Odometry": 3, "geometry_msgs/PoseWithCovarianceStamped": 2, "geometry_msgs/PoseStamped": 1}
-TF_TYPES = ("tf2_msgs/TFMessage", "tf/tfMessage", "foxglove.FrameTransform", "foxglove.FrameTransforms")
+TF_TYPES = (
+    *("tf2_msgs/TFMessage", "tf/tfMessage", "foxglove.FrameTransform", "foxglove.FrameTransforms"),
+    *("foxglove_msgs/FrameTransform", "foxglove_msgs/FrameTransforms"),
+)
 _VALUE = re.compile(
     r"(?i)(?:(?:uwb|tof|twr|raw|slant|measured|est)_?)?(?:range|ranges|dist|dis|distance|distances|dis_arr|dists|"
-    r"node_dis|range_m|range_mm|distance_m|distance_mm|dist_mm|dist_cm|range_cm|ranging|tof_distance)"
+    r"node_dis|range_m|range_mm|distance_m|distance_mm|dist_mm|dist_cm|range_cm|ranging|tof_distance|"
+    r"(?:range|distance|dist)_?(?:3d|(?:from|to)_?(?:tag|anchor|beacon)))"
 )
 _A_NAMES = (
     "from_id",
@@ -102,6 +116,7 @@ _B_NAMES = (
     "beacon",
 )
 _ID_NAMES = ("id", "name", "address", "addr", "node", "ids")
+_ANCHOR_PLACE = re.compile(r"(?i)(anchor|beacon|responder)_?(position|location|pos|coordinates?|coords?)")
 _RX_NAMES = ("rx_rssi", "rx_power", "rxpower", "rssi", "rss", "rx_level", "rxp")
 _FP_NAMES = ("fp_rssi", "fp_power", "fppower", "fpp", "first_path_power", "fp_level")
 
@@ -117,6 +132,11 @@ class PoseRole:
     time: str
     """A field's path, or `log`."""
 
+    @property
+    def is_path(self) -> bool:
+        """Whether each message holds a list of poses."""
+        return "[]" in self.path
+
 
 @dataclass(frozen=True)
 class RangeRole:
@@ -131,6 +151,8 @@ class RangeRole:
     time: str
     optional: Mapping[str, str]
     """Paths of sigma, rx_power, fp_power, nlos, antenna_a, antenna_b."""
+    place: tuple[str, str, str] | None = None
+    """Paths of x, y and z (m) of where `b` was surveyed to be."""
 
 
 @dataclass(frozen=True)
@@ -169,15 +191,17 @@ def roles_of(topics: list[Topic], mapped: Mapped, first: First, place: str) -> R
             path = said.get(kind) or _pose_path(topic)
             if path is None or not _has_pose(topic, path):
                 raise InputError("--topic", f"{topic.name} has no position and orientation at {quoted(path or '')}")
-            poses.append(
-                PoseRole(topic, path, said.get("user", users[topic.name]), kind == "truth", _time(topic, said))
-            )
+            time = _time(topic, said, path.partition("[]")[0] if "[]" in path else "")
+            if "[]" in path and "[]" not in time:
+                raise InputError("--topic", f"{topic.name} has poses at {quoted(path)}, and no stamps with them")
+            poses.append(PoseRole(topic, path, said.get("user", users[topic.name]), kind == "truth", time))
         elif kind == "tf":
             transforms.append(topic)
         elif kind == "range":
             role = _range_role(topic, said, first)
             if role is None:
-                rest[topic.name] = "may have ranges, but not of whom: say --topic 'NAME range=FIELD a=... b=...'"
+                field = said.get("range") or _value_path(topic)
+                rest[topic.name] = f"may have ranges, not of whom: say --topic '{topic.name} range={field} a=WHO b=WHO'"
             else:
                 ranges.append(role)
         else:
@@ -191,6 +215,8 @@ def _kind(topic: Topic, mapped: Mapped) -> str:
     for kind in ("skip", "pose", "truth", "tf", "range"):
         if kind in said:
             return "as asked" if kind == "skip" else kind
+    if topic.unread:
+        return topic.unread
     if topic.type in TF_TYPES:
         return "tf"
     if not topic.fields:
@@ -198,6 +224,8 @@ def _kind(topic: Topic, mapped: Mapped) -> str:
     if topic.type in ("sensor_msgs/Range", "synchronizar.Range"):
         return "distances to the ground or an obstacle, by its name" if OBSTACLE_WORDS.search(topic.name) else "range"
     if _pose_path(topic) is not None and not topic.type.startswith(("visualization_msgs/", "geometry_msgs/Polygon")):
+        if PLAN_WORDS.search(topic.name):
+            return "where to go, not where it is, by its name"
         return "truth" if has_word(topic.name, TRUTH_WORDS) else "pose"
     if _value_path(topic) is not None and not topic.type.startswith(_NO_RANGES):
         return "range"
@@ -208,7 +236,10 @@ _NO_RANGES = ("sensor_msgs/", "nav_msgs/", "visualization_msgs/", "map_msgs/", "
 
 
 def _pose_path(topic: Topic) -> str | None:
-    return next((path for path in POSE_PATHS if _has_pose(topic, path)), None)
+    single = next((path for path in POSE_PATHS if _has_pose(topic, path)), None)
+    if single is not None:
+        return single
+    return next((path for path in _LIST_PATHS if _has_pose(topic, path) and "[]" in _time(topic, {}, "poses")), None)
 
 
 def _has_pose(topic: Topic, path: str) -> bool:
@@ -217,11 +248,14 @@ def _has_pose(topic: Topic, path: str) -> bool:
     return {f"{dot}position.x", f"{dot}orientation.w"} <= paths or {f"{dot}translation.x", f"{dot}rotation.w"} <= paths
 
 
-def _time(topic: Topic, said: Mapping[str, str]) -> str:
+def _time(topic: Topic, said: Mapping[str, str], items: str = "") -> str:
+    """Where the stamp of a message is, or of each item of one of its lists; `log` where it has none."""
     if "time" in said and said["time"] != "header":
         return said["time"]
-    for path in ("header.stamp", "timestamp", "stamp", "t"):
-        if topic.has(f"{path}.sec") or (path == "t" and topic.has(path)):
+    before = f"{items}[]." if items else ""
+    for path in (f"{before}{name}" for name in ("header.stamp", "timestamp", "stamp", "time", "t")):
+        is_number = any(f.path == path and f.kind in ("integer", "float") for f in topic.fields)
+        if is_number or any(topic.has(f"{path}.{sec}") for sec in SECONDS):
             return path
     return "log"
 
@@ -255,12 +289,21 @@ def _text(message: Any, *path: str) -> str:
     return message if isinstance(message, str) else ""
 
 
+_PLAIN = {
+    **dict.fromkeys(("std_msgs/Float32", "std_msgs/Float64"), "data"),
+    **dict.fromkeys(("std_msgs/Float32MultiArray", "std_msgs/Float64MultiArray"), "data[]"),
+}
+"""Types of bare numbers, and where these are; what they are only a topic's name can tell."""
+RANGE_WORDS = re.compile(r"(?i)rang|dist|tof|twr|uwb")
+"""In the names of topics that may have ranges."""
+
+
 def _value_path(topic: Topic) -> str | None:
     """The number in a message that is likely a distance: the shallowest by a name that says so."""
     numbers = [f for f in topic.fields if f.kind in ("float", "integer")]
     found = [f.path for f in numbers if _VALUE.fullmatch(_last(f.path))]
-    if not found and topic.type in ("std_msgs/Float32", "std_msgs/Float64"):
-        found = ["data"] if re.search(r"(?i)range|dist|tof|twr|uwb", topic.name) else []
+    if not found and topic.type in _PLAIN and RANGE_WORDS.search(topic.name):
+        found = [_PLAIN[topic.type]]
     return min(found, key=lambda path: (path.count("."), len(path)), default=None)
 
 
@@ -274,6 +317,8 @@ def _range_role(topic: Topic, said: Mapping[str, str], first: First) -> RangeRol
         return None
     above = value.rpartition(".")[0]
     a, b = _ends(topic, value, above)
+    if topic.type.endswith("MultiArray") and not {"a", "b"} <= said.keys():
+        return None  # what its places stand for is nowhere in it
     named = pair_of_topic(topic.name)
     if len(named) < 2 and not (a and b):
         frame = _text(first(topic), "header", "frame_id").strip("/")
@@ -308,7 +353,21 @@ def _range_role(topic: Topic, said: Mapping[str, str], first: First) -> RangeRol
         if near and key not in optional:
             optional[key] = near
     unit = said.get("unit") or _unit(topic, value)
-    return RangeRole(topic, value, a, b, unit, _time(topic, said), optional)
+    place = None if b.startswith("=?") else _place_path(topic, above)
+    return RangeRole(topic, value, a, b, unit, _time(topic, said), optional, place)
+
+
+def _place_path(topic: Topic, above: str) -> tuple[str, str, str] | None:
+    """Where a message says where the anchor is that it has a range to: by a field's name, or an anchor's own place."""
+    dot = f"{above}." if above else ""
+    numbers = {f.path for f in topic.fields if f.kind in ("float", "integer")}
+    named = {path.rpartition(".")[0] for path in numbers if _ANCHOR_PLACE.fullmatch(_last(path.rpartition(".")[0]))}
+    own = [above, f"{dot}position"] if "anchor" in f"{topic.type} {topic.name} {above}".lower() else []
+    for where in (*sorted(path for path in named if path.startswith(dot)), *own):
+        paths = [f"{where}.{axis}".removeprefix(".") for axis in "xyz"]
+        if numbers.issuperset(paths):
+            return paths[0], paths[1], paths[2]
+    return None
 
 
 def _ends(topic: Topic, value: str, above: str) -> tuple[str, str]:
@@ -327,6 +386,8 @@ def _ends(topic: Topic, value: str, above: str) -> tuple[str, str]:
         b = ids[0] if ids else ("" if b and not b.endswith("[]") else b)
         return a or (own if own and not own.endswith("[]") else ""), b
     if "[]" in value:
+        if not b and not alone and topic.has(f"{above}.header.frame_id"):
+            b = f"{above}.header.frame_id"
         b = (b if b.startswith(above) else "") or (alone if alone.startswith(above) else "") or b
         return a or (own if "[]" not in own else ""), b
     if a and not b and alone and alone != a:
@@ -369,7 +430,7 @@ def preferred(roles: list[PoseRole]) -> PoseRole:
 
     def rank(role: PoseRole) -> tuple[int, int, int]:
         slam = has_word(role.topic.name, SLAM_WORDS)
-        return int(slam), _POSE_RANK.get(role.topic.type, 0), role.topic.count
+        return int(slam), -1 if role.is_path else _POSE_RANK.get(role.topic.type, 0), role.topic.count
 
     return max(roles, key=rank)
 

@@ -25,6 +25,10 @@ user = "alice"
 antenna = "0"
 lever = [0.1, 0.0, 0.05]               # m, in alice's body axes
 
+[radios.A1]                            # one that stands still, and was surveyed
+position = [0.0, 4.0, 2.5]             # m, z up
+position_sigma = 0.05
+
 [robots.alice]                         # of `synchronizar ros` alone: settings as in recording.toml, frame, tf
 height_sigma = 0.1
 
@@ -37,13 +41,15 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from synchronizar.convert.asked import LENGTH_UNITS, Asked
 from synchronizar.errors import InputError, os_faults
-from synchronizar.io.text import quoted
+from synchronizar.io.text import MAX_LENGTH, MIN_SIGMA, quoted
 
+_RADIO_KEYS = ("user", "antenna", "lever", "position", "position_sigma")
 TABLES = ("topics", "radios", "columns", "types", "robots")
 """Of a map; `robots` is read by the bridge to ROS."""
 TOPIC_KEYS = (
@@ -60,6 +66,10 @@ class Radio:
     antenna: str = ""
     lever: tuple[float, float, float] | None = None
     """m, in the user's body axes."""
+    position: tuple[float, float, float] | None = None
+    """m, z up: where one that stands still was surveyed to be."""
+    position_sigma: float | None = None
+    """m, 1 sigma of that; None: the model's default."""
 
 
 @dataclass(frozen=True)
@@ -142,14 +152,28 @@ def _option(text: str) -> tuple[str, dict[str, str]]:
 def _radio(place: str, name: str, settings: Any) -> Radio:
     if isinstance(settings, str):
         return Radio(settings)
-    if not isinstance(settings, Mapping) or set(settings) - {"user", "antenna", "lever"} or "user" not in settings:
-        raise InputError(place, f"radios.{name} must be a user's name, or user, antenna and lever")
-    lever = settings.get("lever")
-    if lever is not None and not _is_lever(lever):
-        raise InputError(place, f"radios.{name}.lever must be three numbers, [x, y, z] in m")
+    keys = set(settings) if isinstance(settings, Mapping) else set()
+    if keys - set(_RADIO_KEYS) or not keys & {"user", "position"}:
+        raise InputError(place, f"radios.{name} must be a user's name, or some of {', '.join(_RADIO_KEYS)}")
+    lever, position = (_three(place, f"radios.{name}", key, settings) for key in ("lever", "position"))
+    if position is not None and lever is not None:
+        raise InputError(place, f"radios.{name} cannot have both: a lever is a moving device's, a position is not")
+    sigma = settings.get("position_sigma")
+    if sigma is not None and not (_is_number(sigma) and position is not None and MIN_SIGMA <= sigma <= MAX_LENGTH):
+        raise InputError(place, f"radios.{name}.position_sigma must be a positive number, of a position (m)")
     antenna = str(settings.get("antenna", "0" if lever is not None else ""))
-    return Radio(str(settings["user"]), antenna, None if lever is None else (lever[0], lever[1], lever[2]))
+    return Radio(str(settings.get("user", name)), antenna, lever, position, sigma)
 
 
-def _is_lever(lever: Any) -> bool:
-    return isinstance(lever, Sequence) and len(lever) == 3 and all(isinstance(x, int | float) for x in lever)
+def _three(place: str, where: str, key: str, settings: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    value = settings.get(key)
+    if value is None:
+        return None
+    good = isinstance(value, Sequence) and len(value) == 3 and all(map(_is_number, value))
+    if not good or max(map(abs, value)) > MAX_LENGTH:
+        raise InputError(place, f"{where}.{key} must be three numbers, [x, y, z] in m")
+    return float(value[0]), float(value[1]), float(value[2])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)

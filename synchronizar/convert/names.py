@@ -25,7 +25,7 @@ _GENERIC = (
     TRUTH_WORDS
     | SLAM_WORDS
     | _words(
-        "relative absolute",
+        "relative absolute anchors tags anchor_array",
         "pose poses odom odometry state states local position local_position global_position mavros node nodes",
         "tracking estimate estimated estimator filtered filter fused ekf camera cam imu sensor sensors uwb tof twr",
         "ss_twr ds_twr range ranges ranging distance distances dist measurement measurements data raw info body base",
@@ -39,6 +39,11 @@ OBSTACLE_WORDS = re.compile(
     r"(?:^|[/_])(?:down|ground|ir|hrlv|lrf|teraranger|sharp|bumper)(?:[/_]|$)"
 )
 """In the names of topics of distances to the ground or to what stands in the way."""
+PLAN_WORDS = re.compile(
+    r"(?i)(?:^|[/_])(?:goal|goals|setpoint|initialpose|plan|plans|planner|planned|waypoints?|cmd|command|target|desired|"
+    r"(?:global|local|planned)_path)(?:[/_]|$)"
+)
+"""In the names of topics of poses that are asked for."""
 _BEACONS = re.compile(r"(uwb[_-]?)?(anchors?|an|beacons?|base|station|bs|landmarks?|lm|fixed|static)[_-]?\d*", re.I)
 _PAIR = re.compile(r"(.+?)(?:_to_|_and_|_vs_|-to-|->|<->|2(?=[A-Za-z])|-|_)(.+)")
 

@@ -4,6 +4,7 @@
     VERTEX_XY L0 x y                        VERTEX_XYZ L0 x y z
     EDGE_SE2 t A0 A1 x y theta cov(6)       EDGE_SE3:QUAT t A0 A1 x y z qx qy qz qw cov(21)
     EDGE_RANGE t A0 L0 range variance
+    VERTEX_XY:PRIOR t L0 x y cov(3)         VERTEX_XYZ:PRIOR t L0 x y z cov(6)
 
 | | |
 |---|---|
@@ -13,7 +14,8 @@
 | users | the letters of a pose's name, one each: A of A0, A1, ...; a landmark is a static radio, by its whole name |
 | truth | the vertices (the format's true values) become `truth/` |
 | assumed | a robot without odometry has its vertices for a track; poses without stamps of their own are 1 s apart |
-| not read | priors, loop closures, edges between robots, bearings to landmarks: they are counted and said |
+| surveyed | landmarks with a prior: `position`, and `position_sigma` by the mean of its variances |
+| not read | priors of poses, loop closures, edges between robots, bearings to landmarks: they are counted and said |
 | refused | an edge of a vertex that is not there, lines with too few numbers or with what is no number |
 """
 
@@ -31,6 +33,7 @@ from synchronizar.arrays import Array
 from synchronizar.convert.asked import Asked
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.source import Source
+from synchronizar.convert.surveyed import add_surveyed
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
 from synchronizar.io.text import is_plain, open_text, quoted
@@ -70,6 +73,8 @@ class _Graph:
     robot_of: dict[str, str] = field(default_factory=dict)
     """Whose each pose is."""
     landmarks: dict[str, list[float]] = field(default_factory=dict)
+    priors: dict[str, tuple[int, list[float], float]] = field(default_factory=dict)
+    """Of landmarks: line, place, and the mean of its variances."""
     steps: list[tuple[int, str, str, list[float]]] = field(default_factory=list)
     """Line, the two poses, and the second in the first."""
     ranges: list[tuple[int, float, str, str, float, float]] = field(default_factory=list)
@@ -97,6 +102,11 @@ def read(path: Path, asked: Asked, progress: Progress) -> Imported:
     for name, point in graph.landmarks.items():
         imported.users[name] = User(name, static=True)
         imported.truth[name] = np.array([[0.0, *point, *IDENTITY]])
+    for name, (line, _, _) in graph.priors.items():
+        if name not in graph.landmarks:
+            raise InputError(path, f"a prior of {quoted(name)}, which is no landmark of this file", line)
+    sigmas = {name: float(np.sqrt(max(variance, 0.0))) for name, (_, _, variance) in graph.priors.items()}
+    add_surveyed(imported, {name: place for name, (_, place, _) in graph.priors.items()}, sigmas)
     for line, t, a, b, distance, variance in graph.ranges:
         ends = []
         for vertex in (a, b):
@@ -161,6 +171,12 @@ def _take(path: Path, line: int, words: list[str], graph: _Graph) -> None:
         place = 2 if words[1:2] and _is_number(words[1]) else 1
         numbers = _numbers(path, line, words, place + 1, _POINTS[kind])
         graph.landmarks[_at(path, line, words, place)] = [*numbers, 0.0][:3]
+    elif kind.removesuffix(":PRIOR") in _POINTS:
+        size = _POINTS[kind.removesuffix(":PRIOR")]
+        numbers = _numbers(path, line, words, 3, size + size * (size + 1) // 2)
+        # Covariances stand column by column, each from the diagonal on.
+        variances = [numbers[size + k * size - k * (k - 1) // 2] for k in range(size)]
+        graph.priors[_at(path, line, words, 2)] = (line, [*numbers[:size], 0.0][:3], sum(variances) / size)
     elif kind in _ODOMETRY:
         step = _pose(path, line, _numbers(path, line, words, 4, _ODOMETRY[kind]))
         graph.steps.append((line, _at(path, line, words, 2), _at(path, line, words, 3), step))

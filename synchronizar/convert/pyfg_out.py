@@ -4,6 +4,7 @@
 |---|---|
 | VERTEX_SE3:QUAT t A0 x y z qx qy qz qw | a device's antenna at the moment of a range; its first and last pose |
 | VERTEX_XYZ L0 x y z | a static radio |
+| VERTEX_XYZ:PRIOR t L0 x y z cov(6) | where it was surveyed to be |
 | EDGE_SE3:QUAT t A0 A1 x y z qx qy qz qw cov(21) | what SLAM says of the way from one to the next |
 | EDGE_RANGE t A0 L0 range variance | a range |
 
@@ -19,7 +20,7 @@ left out; their numbers stay as they were measured.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from string import ascii_lowercase, ascii_uppercase
 from typing import NamedTuple
@@ -27,11 +28,11 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array, Mask
+from synchronizar.data.exported import Exported
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
 from synchronizar.data.track import Track
-from synchronizar.data.updates import Update
 from synchronizar.errors import InputError, os_faults
 from synchronizar.parameters import Parameters
 from synchronizar.quaternions import inverse_quaternions, multiply_quaternions, rotate_by_quaternions
@@ -54,14 +55,9 @@ class _Chain(NamedTuple):
     """(n, 4)."""
 
 
-def write_pyfg(
-    path: Path,
-    recording: Recording,
-    registration: Registration | None = None,
-    tracks: Mapping[str, Track] | None = None,
-    updates: Sequence[Update] = (),
-) -> None:
+def write_pyfg(path: Path, exported: Exported) -> None:
     """Write the file. Raises InputError where it cannot be written, or the format has no letter for so many devices."""
+    recording, registration = exported.recording, exported.registration
     moving = [user.name for user in recording.users if not user.static]
     if len(moving) > len(_LETTERS):
         raise InputError(path, f"has letters for {len(_LETTERS)} devices that move, and these are {len(moving)}")
@@ -72,9 +68,10 @@ def write_pyfg(
     chains = {name: _chain(recording, name, ranges, offsets[name]) for name in moving}
     with os_faults(path), path.open("w", encoding="utf-8", newline="\n") as file:
         for name, chain in chains.items():
-            seen = chain if tracks is None else _in_common(chain, tracks.get(name), recording, name, offsets[name])
+            seen = _in_common(chain, exported.tracks.get(name), recording, name, offsets[name])
             file.writelines(_vertices(letters[name], seen))
-        file.writelines(_landmarks(recording, tracks))
+        file.writelines(_landmarks(recording, exported.tracks))
+        file.writelines(_priors(recording))
         for name, chain in chains.items():
             file.writelines(_steps(letters[name], chain))
         file.writelines(_ranges(recording, ranges, chains, letters))
@@ -128,10 +125,23 @@ def _vertices(letter: str, chain: _Chain) -> Iterator[str]:
         yield f"VERTEX_SE3:QUAT {t:.9f} {letter}{k} {_numbers(place)} {_numbers(quat)}\n"
 
 
-def _landmarks(recording: Recording, tracks: Mapping[str, Track] | None) -> Iterator[str]:
+def _landmarks(recording: Recording, tracks: Mapping[str, Track]) -> Iterator[str]:
     for name, landmark in _landmark_names(recording).items():
-        track = (tracks or {}).get(name)
-        yield f"VERTEX_XYZ {landmark} {_numbers(np.zeros(3) if track is None else track.position[0])}\n"
+        track, surveyed = tracks.get(name), recording.users[recording.index(name)].position
+        place = np.array(surveyed or np.zeros(3)) if track is None else track.position[0]
+        yield f"VERTEX_XYZ {landmark} {_numbers(place)}\n"
+
+
+def _priors(recording: Recording) -> Iterator[str]:
+    """Surveyed places, at the first stamp of all, since the format has priors at a time."""
+    begin = min((track.t[0] for track in recording.tracks.values()), default=0.0)
+    for name, landmark in _landmark_names(recording).items():
+        user = recording.users[recording.index(name)]
+        if user.position is not None:
+            sigma = user.position_sigma or Parameters().priors.survey_sigma
+            covariance = (sigma**2 * np.eye(3))[np.triu_indices(3)]
+            place = _numbers(np.array(user.position))
+            yield f"VERTEX_XYZ:PRIOR {begin:.9f} {landmark} {place} {_numbers(covariance)}\n"
 
 
 def _landmark_names(recording: Recording) -> dict[str, str]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from synchronizar.convert.fields import Items, stamp_of
+from synchronizar.convert.fields import Items, numbers_at, stamp_of
 from synchronizar.convert.guess import PoseRole, RangeRole, kind_of
 
 Pose = tuple[float, float, float, float, float, float, float]
@@ -21,21 +21,28 @@ class PoseReader:
     """Of a topic of poses."""
 
     def __init__(self, role: PoseRole) -> None:
-        dot = f"{role.path}." if role.path else ""
-        place, turn = ("position", "orientation") if role.topic.has(f"{dot}position") else ("translation", "rotation")
-        self._position, self._quat = Items(f"{dot}{place}"), Items(f"{dot}{turn}")
+        self._pose = pose_numbers(role, role.path)
         self._stamp = None if role.time == "log" else Items(role.time)
 
     def pose(self, message: Any) -> Pose:
         """Where the device is."""
-        p, q = self._position(message), self._quat(message)
-        if isinstance(p, Mapping):
-            return p["x"], p["y"], p["z"], q["x"], q["y"], q["z"], q["w"]
-        return p.x, p.y, p.z, q.x, q.y, q.z, q.w
+        return self._pose(message)
 
     def stamp(self, message: Any) -> float:
         """s: its own stamp; NaN where it has none."""
         return np.nan if self._stamp is None else stamp_of(self._stamp(message))
+
+
+def pose_numbers(role: PoseRole, path: str) -> Callable[[Any], Pose]:
+    """A function of a message, or of an item of its list: the pose at a path."""
+    within = f"{role.path.partition('[]')[0]}[].{path}" if role.is_path else path
+    dot, below = (f"{path}." if path else ""), (f"{within}." if within else "")
+    named = role.topic.has(f"{below}position.x")
+    place, turn = ("position", "orientation") if named else ("translation", "rotation")
+    numbers: Callable[[Any], Any] = numbers_at(
+        [*(f"{dot}{place}.{x}" for x in "xyz"), *(f"{dot}{turn}.{x}" for x in "xyzw")]
+    )
+    return numbers
 
 
 class ReadRange(NamedTuple):
@@ -57,6 +64,9 @@ class RangeReader:
         self._value = Items(role.value)
         self._a, self._b = _end(role.a), _end(role.b)
         self._optional = {name: Items(path) for name, path in role.optional.items()}
+        self._place = None if role.place is None else tuple(map(Items, role.place))
+        self.places: dict[str, tuple[float, float, float]] = {}
+        """m: where each `b` was surveyed to be, as messages say it."""
         self._indexed = "anchor" if "tag" in role.topic.type.lower() else ""
         self._zero_counts = role.topic.type == "sensor_msgs/Range"
 
@@ -78,6 +88,9 @@ class RangeReader:
                 continue
             own = {name: of[k] if isinstance(of, list) and k < len(of) else of for name, of in optional.items()}
             found.append(ReadRange(distance, _item(a, k, ""), _item(b, k, self._indexed), own))
+            if self._place is not None:
+                x, y, z = (of(message) for of in self._place)
+                self.places[found[-1].b] = (x[k], y[k], z[k]) if isinstance(x, list) else (x, y, z)
         return found
 
 

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.data.exported import Exported
 from synchronizar.data.range_ends import range_ends
 from synchronizar.data.recording import Recording
 from synchronizar.data.regions import regions_of
@@ -41,15 +42,11 @@ _USED, _REJECTED = (136, 136, 136), (213, 94, 0)
 _COLORS = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (213, 94, 0))
 
 
-def write_rerun(
-    path: Path,
-    recording: Recording,
-    registration: Registration | None = None,
-    tracks: Mapping[str, Track] | None = None,
-    updates: Sequence[Update] = (),
-) -> None:
-    """Write the file. With an answer, `tracks` are those in the common frame. Raises InputError where it cannot be."""
+def write_rerun(path: Path, exported: Exported) -> None:
+    """Write the file. Raises InputError where it cannot be written."""
     import rerun as rr
+
+    recording, registration, updates = exported.recording, exported.registration, exported.updates
 
     with os_faults(path), path.open("wb"):
         pass  # rerun itself tells of a place that cannot be written in a way of its own
@@ -57,14 +54,13 @@ def write_rerun(
     stream.save(path)
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     began = float(recording.ranges.t.min()) if len(recording.ranges) else 0.0
-    shown = recording.tracks if registration is None else tracks or {}
-    for n, (name, track) in enumerate(sorted(shown.items())):
+    for n, (name, track) in enumerate(sorted(exported.shown.items())):
         offset = 0.0 if registration is None else registration.users[name].clock_offset or 0.0
         _track(stream, name, track, track.t - offset - began, _COLORS[n % len(_COLORS)])
         if registration is not None:
             _regions(stream, registration, name, track, updates, began + offset, _COLORS[n % len(_COLORS)])
     if registration is not None:
-        _ranges(stream, recording, registration, shown, began)
+        _ranges(stream, recording, registration, exported.shown, began)
     _states(stream, updates, began)
     stream.flush()
     stream.disconnect()

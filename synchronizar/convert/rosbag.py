@@ -2,7 +2,7 @@
 
 | | |
 |---|---|
-| poses | nav_msgs/Odometry, geometry_msgs/PoseStamped, PoseWithCovarianceStamped, whatever else has a pose |
+| poses | nav_msgs/Odometry, geometry_msgs/PoseStamped, PoseWithCovarianceStamped, whatever else has a pose; Path |
 | TF | a body in its odometry's frame, for devices without a topic of poses |
 | ranges | sensor_msgs/Range; any message with a number called range, distance, dis, ...: one, or a list of them |
 | names | devices by topics or frames; radios by ids in messages or by topics, matched to devices by number |
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from synchronizar.convert.messages import broken, imported_of
 from synchronizar.convert.messages import listing as listing_of
 from synchronizar.convert.ros_types import fields_of, short_type, store_of
 from synchronizar.convert.source import Source
+from synchronizar.convert.takers import Decode
 from synchronizar.errors import os_faults
 from synchronizar.progress import Progress
 
@@ -60,7 +62,7 @@ def read(path: Path, asked: Asked, progress: Progress) -> Imported:
 class _Bag:
     """A bag of either kind, open."""
 
-    def __init__(self, path: Path, reader: Any, ros: int, asked: Asked) -> None:
+    def __init__(self, reader: Any, ros: int, asked: Asked) -> None:
         from rosbags.interfaces import MessageDefinitionFormat
 
         definitions = [
@@ -68,7 +70,7 @@ class _Bag:
             for c in reader.connections
             if c.msgdef.format != MessageDefinitionFormat.NONE
         ]
-        self._path, self._reader = path, reader
+        self.remedy, self._reader = REMEDY, reader
         store = store_of(definitions, ros, mapped(asked).types)
         self._decode = store.deserialize_ros1 if ros == 1 else store.deserialize_cdr
         self._begin, self._span = reader.start_time, max(reader.duration, 1)
@@ -80,18 +82,12 @@ class _Bag:
             Topic(name, short_type(of), counts[name], fields_of(store, of)) for name, of in sorted(kinds.items())
         ]
 
-    def read(self, names: Collection[str]) -> Iterator[tuple[str, float, Any, float]]:
+    def read(self, names: Collection[str]) -> Iterator[tuple[str, float, Decode, float]]:
         """As `Messages.read`."""
         connections = [c for c in self._reader.connections if c.topic in names]
-        messages = self._reader.messages(connections=connections)
-        while True:
-            with broken(self._path, REMEDY):
-                found = next(messages, None)
-                if found is None:
-                    return
-                connection, logged, data = found
-                message = self._decode(data, connection.msgtype)
-            yield connection.topic, 1e-9 * logged, message, (logged - self._begin) / self._span
+        for connection, logged, data in self._reader.messages(connections=connections):
+            decode = partial(self._decode, data, connection.msgtype)
+            yield connection.topic, 1e-9 * logged, decode, (logged - self._begin) / self._span
 
 
 @contextmanager
@@ -106,7 +102,7 @@ def _opened(path: Path, asked: Asked) -> Iterator[_Bag]:
         reader.open()
     try:
         with broken(path, REMEDY):
-            bag = _Bag(path, reader, ros, asked)
+            bag = _Bag(reader, ros, asked)
         yield bag
     finally:
         reader.close()

@@ -8,16 +8,14 @@ named in a comment with the reason. TF knows no scale: where SLAM's is not 1 the
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar.data.recording import Recording
+from synchronizar.data.exported import Exported
 from synchronizar.data.registration import Registration, State
-from synchronizar.data.track import Track
-from synchronizar.data.updates import Update
 from synchronizar.errors import InputError, os_faults
 from synchronizar.quaternions import IDENTITY
 
@@ -34,16 +32,10 @@ class _Transform(NamedTuple):
     remark: str
 
 
-def write_tf_yaml(
-    path: Path,
-    recording: Recording,
-    registration: Registration | None = None,
-    tracks: Mapping[str, Track] | None = None,
-    updates: Sequence[Update] = (),
-) -> None:
+def write_tf_yaml(path: Path, exported: Exported) -> None:
     """Write a tf2_msgs/TFMessage as YAML. Raises InputError where there is no answer, or it cannot be written."""
-    lines = [*_remarks(path, registration), "transforms:"]
-    for transform in _transforms(path, registration):
+    lines = [*_remarks(path, exported.registration), "transforms:"]
+    for transform in _transforms(path, exported.registration):
         translation = ", ".join(f"{axis}: {_plain(x)}" for axis, x in zip("xyz", transform.translation, strict=True))
         rotation = ", ".join(f"{axis}: {_plain(x)}" for axis, x in zip("xyzw", transform.quat_xyzw, strict=True))
         lines += [
@@ -59,20 +51,14 @@ def write_tf_yaml(
     _write(path, lines)
 
 
-def write_tf_launch(
-    path: Path,
-    recording: Recording,
-    registration: Registration | None = None,
-    tracks: Mapping[str, Track] | None = None,
-    updates: Sequence[Update] = (),
-) -> None:
+def write_tf_launch(path: Path, exported: Exported) -> None:
     """Write a launch file of ROS 2, one static_transform_publisher a user. Raises InputError as the YAML does."""
     rows: list[str] = []
-    for transform in _transforms(path, registration):
+    for transform in _transforms(path, exported.registration):
         numbers = ", ".join(map(_plain, (*transform.translation, *transform.quat_xyzw)))
         rows += [f"    # {transform.remark}", f"    ({transform.child!r}, ({numbers})),"]
     lines = [
-        *_remarks(path, registration),
+        *_remarks(path, exported.registration),
         "from launch import LaunchDescription",
         "from launch_ros.actions import Node",
         "",

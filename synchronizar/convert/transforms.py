@@ -76,6 +76,9 @@ def transform_of(space: str, logged: float, transform: Any) -> StampedTransform:
         parent, child = transform["header"]["frame_id"], transform["child_frame_id"]
         p, q = transform["transform"]["translation"], transform["transform"]["rotation"]
         stamp = stamp_of(transform["header"]["stamp"])
+    elif hasattr(transform, "parent_frame_id"):
+        parent, child = transform.parent_frame_id, transform.child_frame_id
+        p, q, stamp = transform.translation, transform.rotation, stamp_of(transform.timestamp)
     else:
         parent, child = transform.header.frame_id, transform.child_frame_id
         p, q, stamp = transform.transform.translation, transform.transform.rotation, stamp_of(transform.header.stamp)

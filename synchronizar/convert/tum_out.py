@@ -7,30 +7,20 @@ those of the same names are replaced; a recording is refused.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from synchronizar.convert.saving import is_recording
-from synchronizar.data.recording import Recording
-from synchronizar.data.registration import Registration
-from synchronizar.data.track import Track
-from synchronizar.data.updates import Update
+from synchronizar.data.exported import Exported
 from synchronizar.errors import InputError, os_faults
 from synchronizar.io.tum import write_tum
 
 
-def write_tum_folder(
-    path: Path,
-    recording: Recording,
-    registration: Registration | None = None,
-    tracks: Mapping[str, Track] | None = None,
-    updates: Sequence[Update] = (),
-) -> None:
+def write_tum_folder(path: Path, exported: Exported) -> None:
     """Write the folder. Raises InputError where it cannot be written or is a recording."""
     if is_recording(path):
         raise InputError(path, "is a recording: tracks of another frame have no place in it")
     with os_faults(path):
         path.mkdir(parents=True, exist_ok=True)
-    for name, track in (recording.tracks if tracks is None else tracks).items():
-        if name in recording.tracks:
+    for name, track in exported.shown.items():
+        if name in exported.recording.tracks:
             write_tum(path / f"{name}.tum", track)

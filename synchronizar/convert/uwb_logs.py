@@ -4,7 +4,8 @@
 |---|---|
 | dwm1001 | `les`: `022E[7.94,8.03,0.00]=3.38 ...`, and `lec`: `DIST,4,AN0,022E,7.94,8.03,0.00,3.44,...` |
 | nooploop | `rostopic echo` of nlink_parser's node and tag frames, as YAML or (`-p`) as csv |
-| pozyx | `1234 ms, 2045 mm, -81 dBm`, as pypozyx prints a DeviceRange, with or without `0x6951:` before it |
+| pozyx | `1234 ms, 2045 mm, -81 dBm`, as pypozyx prints a DeviceRange, with or without `0x6951:` before it; |
+| | `ANCHOR,0x6951,X: 0, Y: 4000, Z: 2500`, as its examples print where anchors are |
 
 | | |
 |---|---|
@@ -12,7 +13,7 @@
 | | else the module's own clock (ms since it was switched on); none at all: `--rate HZ`; `--time-offset` shifts it |
 | units | m (DWM1001, Nooploop), mm (Pozyx); `--range-unit` for others; dBm |
 | names | who ranges is `--user`, or the file's name; the others by the ids in the log. Anchors stand still |
-| truth | places of anchors that are in the log become their `truth/` |
+| surveyed | places of anchors, as they were entered: `position`, but where several are told to be at one |
 | refused | lines that begin as such a line and are broken; logs without any time |
 
 Positions that a module has estimated are not read. What else stands in a log (prompts, answers) is skipped and counted.
@@ -28,14 +29,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar.convert.asked import LENGTH_UNITS, TIME_UNITS, Asked
+from synchronizar.convert.asked import LENGTH_UNITS, TIME_UNITS, Asked, time_unit_by_size
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.source import Source
+from synchronizar.convert.surveyed import add_surveyed
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
 from synchronizar.io.text import is_number, open_text, quoted
 from synchronizar.progress import Progress
-from synchronizar.quaternions import IDENTITY
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _LES = re.compile(rf"\b([0-9A-Fa-f]{{4,16}})\[({_NUMBER}),({_NUMBER}),({_NUMBER})\]=({_NUMBER})")
@@ -44,9 +45,11 @@ _LEC = re.compile(r"\bDIST,(\d+)")
 _POZYX = re.compile(
     rf"(?:(0x[0-9A-Fa-f]+|\d+)\s*[:,]\s*)?(\d+)\s*ms,\s*({_NUMBER})\s*mm(?:,\s*({_NUMBER})\s*dBm)?", re.I
 )
+_POZYX_ANCHOR = re.compile(
+    rf"ANCHOR,\s*(0x[0-9A-Fa-f]+|\d+),\s*(?:X:)?\s*({_NUMBER}),\s*(?:Y:)?\s*({_NUMBER}),\s*(?:Z:)?\s*({_NUMBER})", re.I
+)
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:[.,]\d+)?)(Z|[+-]\d\d:?\d\d)?")
 _CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)")
-_BEYOND_S = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 
 
 class _Line(NamedTuple):
@@ -69,14 +72,14 @@ def recognises_nooploop(source: Source) -> bool:
 
 def recognises_pozyx(source: Source) -> bool:
     """Times in ms and distances in mm."""
-    lines = source.lines
+    lines = [line for line in source.lines if not _POZYX_ANCHOR.search(line)]
     return bool(lines) and sum(bool(_POZYX.search(line)) for line in lines) > len(lines) / 2
 
 
 def read_dwm1001(path: Path, asked: Asked, progress: Progress) -> Imported:
     """Ranges of one tag to its anchors. Raises InputError for a broken line, or a log without times."""
     imported, me, skipped = Imported(), asked.user or path.stem, 0
-    clock = _Clock(path, asked, imported)
+    clock, places = _Clock(path, asked, imported), dict[str, list[float]]()
     for line in _lines(path, progress):
         found = _of_lec(path, line) if _LEC.search(line.text) else _of_les(path, line)
         if not found:
@@ -85,25 +88,31 @@ def read_dwm1001(path: Path, asked: Asked, progress: Progress) -> Imported:
         begin = min(k for k in (line.text.find("DIST,"), _first(_LES, line.text)) if k >= 0)
         t = clock.at(line, line.text[:begin])
         for anchor, place, distance in found:
-            _add(imported, t, me, anchor, distance, asked, "m")
+            add_range(imported, t, me, anchor, distance, asked, "m")
             imported.users[anchor] = User(anchor, static=True)
-            imported.truth[anchor] = np.array([[0.0, *place, *IDENTITY]])
+            places[anchor] = place
+    add_surveyed(imported, places)
     return _told(path, imported, skipped)
 
 
 def read_pozyx(path: Path, asked: Asked, progress: Progress) -> Imported:
     """Ranges of one module to others. Raises InputError for a log without times."""
     imported, me, skipped = Imported(), asked.user or path.stem, 0
-    clock = _Clock(path, asked, imported)
+    clock, places = _Clock(path, asked, imported), dict[str, list[float]]()
     other = dict(asked.columns).get("b", "pozyx")
     for line in _lines(path, progress):
+        if anchor := _POZYX_ANCHOR.search(line.text):
+            metres = LENGTH_UNITS[asked.range_unit or "mm"]
+            places[anchor[1]] = [metres * float(anchor[k]) for k in (2, 3, 4)]
+            continue
         found = _POZYX.search(line.text)
         if not found:
             skipped += 1
             continue
         t = clock.at(line, line.text[: found.start()], 1e-3 * float(found[2]))
         power = float(found[4]) if found[4] else np.nan
-        _add(imported, t, me, found[1] or other, float(found[3]), asked, "mm", rx_power=power)
+        add_range(imported, t, me, found[1] or other, float(found[3]), asked, "mm", rx_power=power)
+    add_surveyed(imported, {name: place for name, place in places.items() if name in imported.ranges.b})
     if other in imported.ranges.b:
         imported.note(f"the log does not say whom it ranges with: {other} (--column b=NAME)")
     return _told(path, imported, skipped)
@@ -162,7 +171,7 @@ def _of_lec(path: Path, line: _Line) -> list[tuple[str, list[float], float]]:
     return out
 
 
-def _add(
+def add_range(
     imported: Imported,
     t: float,
     a: str,
@@ -173,6 +182,7 @@ def _add(
     rx_power: float = np.nan,
     fp_power: float = np.nan,
 ) -> None:
+    """Add a range in `unit`, or in the one that was asked for; powers in dBm."""
     metres = LENGTH_UNITS[asked.range_unit or unit]
     imported.ranges.add(t, a, b, metres * distance, rx_power=rx_power, fp_power=fp_power)
 
@@ -224,7 +234,7 @@ class _Clock:
         if found is None:
             return None
         value = float(found[0])
-        unit = self._asked.time_unit or next((unit for beyond, unit in _BEYOND_S if abs(value) > beyond), "s")
+        unit = self._asked.time_unit or time_unit_by_size(value)
         return value * TIME_UNITS[unit]
 
 
@@ -251,7 +261,7 @@ def _nooploop_csv(path: Path, asked: Asked, imported: Imported, progress: Progre
             fp, rx = number(f"field.nodes{n}.fp_rssi"), number(f"field.nodes{n}.rx_rssi")
             _add_node(imported, t, me, number(f"field.nodes{n}.id"), number(f"field.nodes{n}.dis"), asked, fp, rx)
         for n in arrays:
-            _add_node(imported, t, me, float(n), number(f"field.dis_arr{n}"), asked)
+            _add_node(imported, t, me, float(n), number(f"field.dis_arr{n}"), asked, prefix="anchor")
 
 
 def _nooploop_yaml(path: Path, asked: Asked, imported: Imported, progress: Progress) -> None:
@@ -266,7 +276,8 @@ def _nooploop_yaml(path: Path, asked: Asked, imported: Imported, progress: Progr
         me = _whose(asked, path, top.get("id", np.nan))
         for node in nodes:
             fp, rx = node.get("fp_rssi", np.nan), node.get("rx_rssi", np.nan)
-            _add_node(imported, t, me, node.get("id", np.nan), node.get("dis", np.nan), asked, fp, rx)
+            number, distance = node.get("id", np.nan), node.get("dis", np.nan)
+            _add_node(imported, t, me, number, distance, asked, fp, rx, "anchor" if "index" in node else "")
         top.clear()
         nodes.clear()
 
@@ -280,7 +291,7 @@ def _nooploop_yaml(path: Path, asked: Asked, imported: Imported, progress: Progr
             in_nodes = False
             values = [v.strip() for v in text.partition(":")[2].strip(" []()").split(",") if v.strip()]
             for n, value in enumerate(values):
-                nodes.append({"id": float(n), "dis": _value(path, line, value)})
+                nodes.append({"id": float(n), "index": float(n), "dis": _value(path, line, value)})
             continue
         key, colon, value = text.lstrip("- ").partition(":")
         if not colon:
@@ -318,7 +329,8 @@ def _add_node(
     asked: Asked,
     fp: float = np.nan,
     rx: float = np.nan,
+    prefix: str = "",
 ) -> None:
     """A range of a frame: none where it is 0."""
     if np.isfinite(node) and np.isfinite(t) and distance > 0.0:
-        _add(imported, t, me, str(int(node)), distance, asked, "m", rx_power=rx, fp_power=fp)
+        add_range(imported, t, me, f"{prefix}{int(node)}", distance, asked, "m", rx_power=rx, fp_power=fp)

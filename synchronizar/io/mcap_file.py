@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from synchronizar.data.exported import Exported
 from synchronizar.data.range_ends import range_ends
 from synchronizar.data.recording import Recording
 from synchronizar.data.regions import UNKNOWN, Regions, regions_of
@@ -124,20 +125,12 @@ class _Message(NamedTuple):
     value: dict[str, Any]
 
 
-def write_mcap(
-    path: Path,
-    recording: Recording,
-    registration: Registration | None = None,
-    tracks: Mapping[str, Track] | None = None,
-    updates: Sequence[Update] = (),
-) -> None:
-    """Write the file, and its layout. With an answer, `tracks` are those in the common frame.
-
-    Raises InputError where they cannot be written.
-    """
+def write_mcap(path: Path, exported: Exported) -> None:
+    """Write the file, and its layout. Raises InputError where they cannot be written."""
     from mcap.writer import Writer
 
-    shown, frame = (recording.tracks, None) if registration is None else (tracks or {}, COMMON)
+    recording, registration, updates = exported.recording, exported.registration, exported.updates
+    shown, frame = exported.shown, None if registration is None else COMMON
     verdicts = None if registration is None else registration.ranges
     streams: list[Iterable[_Message]] = [_ranges(recording, verdicts), _states(updates)]
     for n, (name, track) in enumerate(sorted(shown.items())):

@@ -7,9 +7,11 @@ from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from synchronizar.convert.fields import Topic
+from synchronizar.convert.takers import Decode
 from synchronizar.errors import InputError
 from synchronizar.ros import outgoing
 from synchronizar.ros.ends import Ends
@@ -34,10 +36,17 @@ class Sampled:
 
     topics: list[Topic]
     messages: Sequence[tuple[str, float, Any]]
+    remedy: str = "a message of rosbridge"
 
-    def read(self, names: Collection[str]) -> Iterator[tuple[str, float, Any, float]]:
+    def read(self, names: Collection[str]) -> Iterator[tuple[str, float, Decode, float]]:
         """As `Messages.read`."""
-        yield from ((topic, t, message, 1.0) for topic, t, message in self.messages if topic in names)
+        for topic, t, message in self.messages:
+            if topic in names:
+                yield topic, t, partial(_as_it_is, message), 1.0
+
+
+def _as_it_is(message: Any) -> Any:
+    return message
 
 
 class Link:

@@ -176,12 +176,14 @@ class Listening:
 
     def _roles(self) -> Roles:
         known = {name: of for name, of in self._said.topics.items() if name in self.topics}
-        return roles_of(
+        roles = roles_of(
             list(self.topics.values()),
             replace(self._said, topics=known),
             lambda t: self._firsts.get(t.name),
             self._place,
         )
+        # A path tells of where its robot has been, not of where it is.
+        return replace(roles, poses=tuple(role for role in roles.poses if not role.is_path))
 
     def _look_again(self) -> None:
         """What the first message of a topic tells of it."""

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import sys
 import types
 from collections import defaultdict
@@ -14,6 +15,7 @@ import pytest
 
 from synchronizar.cli import main
 from synchronizar.convert.pyfg_out import write_pyfg
+from synchronizar.data.exported import Exported
 from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
 from synchronizar.io.tum import read_tum, write_tum
@@ -33,6 +35,8 @@ class Graph:
     steps: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
     covariances: list[np.ndarray] = field(default_factory=list)
     ranges: list[tuple[float, str, str, float, float]] = field(default_factory=list)
+    priors: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    """Place and covariance of each landmark that has one."""
 
 
 def rotation(x: float, y: float, z: float, w: float) -> np.ndarray:
@@ -77,6 +81,10 @@ def read_as_cora(path: Path) -> Graph:
             assert re.fullmatch(r"L\d+", words[0])
             graph.landmarks[words[0]] = np.array([float(w) for w in words[1:]])
             assert len(words) == 4
+        elif kind == "VERTEX_XYZ:PRIOR":
+            assert words[1] in graph.landmarks
+            numbers = [float(w) for w in (words[0], *words[2:])]
+            graph.priors[words[1]] = np.array(numbers[1:4]), symmetric(numbers[4:], 3)
         elif kind == "EDGE_SE3:QUAT":
             assert {words[1], words[2]} <= graph.poses.keys()
             graph.steps[words[1], words[2]] = pose_of([float(w) for w in words[3:10]])
@@ -119,6 +127,25 @@ def test_cora_reads_every_range_of_a_recording_between_antennas(walk: Path) -> N
         distance, variance = written[round(float(ranges.t[n]), 6), ends]
         assert distance == pytest.approx(ranges.distance[n], abs=1e-6)
         assert variance == pytest.approx(0.01 if np.isnan(ranges.sigma[n]) else ranges.sigma[n] ** 2)
+
+
+def test_surveyed_radios_are_priors_and_come_back_as_they_were(walk: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "surveyed"
+    shutil.copytree(walk, copy)
+    text = (copy / "recording.toml").read_text()
+    section = re.search(r"\[users\.\"?radio0\"?\]\n", text)
+    assert section is not None
+    place = "position = [1.0, -2.0, 2.5]\nposition_sigma = 0.05\n"
+    (copy / "recording.toml").write_text(text[: section.end()] + place + text[section.end() :])
+    graph = read_as_cora(converted(copy, "surveyed.pyfg"))
+    where, covariance = graph.priors["L0"]
+    np.testing.assert_allclose(where, [1.0, -2.0, 2.5])
+    np.testing.assert_allclose(graph.landmarks["L0"], where)
+    np.testing.assert_allclose(covariance, 0.0025 * np.eye(3))
+    assert not read_as_cora(converted(walk, "walk.pyfg")).priors
+    assert main(["convert", str(tmp_path / "surveyed.pyfg"), str(tmp_path / "again")]) == 0
+    again = next(user for user in Recording.load(tmp_path / "again").users if user.static)
+    assert (again.position, again.position_sigma) == ((1.0, -2.0, 2.5), pytest.approx(0.05))
 
 
 def test_a_vertex_is_the_antenna_at_the_moment_of_its_range(walk: Path) -> None:
@@ -174,7 +201,7 @@ def test_more_devices_than_letters_are_told() -> None:
     pose = ([0.0, 1.0], np.zeros((2, 3)), [[0, 0, 0, 1]] * 2)
     many = Recording.from_arrays({f"u{k:02}": pose for k in range(51)}, [(0.5, "u00", "u01", 1.0)])
     with pytest.raises(InputError, match="letters for 50 devices"):
-        write_pyfg(Path("no.pyfg"), many)
+        write_pyfg(Path("no.pyfg"), Exported(many))
 
 
 # TF

@@ -11,12 +11,13 @@ from support.paths import SHARED
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
-from support.bags import header, pose_message, range_message, store_with, transforms, walk, write_bag
+from support.bags import header, path_message, pose_message, range_message, store_with, transforms, walk, write_bag
 
 from synchronizar.cli import main
 from synchronizar.convert import mcap, rosbag
 from synchronizar.convert.asked import Asked
 from synchronizar.convert.imported import Imported
+from synchronizar.data.recording import Recording
 from synchronizar.errors import InputError
 from synchronizar.progress import unheard
 
@@ -186,6 +187,42 @@ def test_a_bag_that_is_cut_off_is_one_clear_line_and_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
+@pytest.mark.parametrize("window", [15, 1000])
+def test_a_path_that_grows_or_moves_along_is_a_track_as_it_was_told_last(
+    tmp_path: Path, kind: str, window: int
+) -> None:
+    """Each message is 0.5 m beside the one before; only the last 15 poses, or all, are in it."""
+    store = store_with({}, 1 if kind == "ros1" else 2)
+    rows = walk(n=60)
+    messages = []
+    for k in range(60):
+        told = rows[max(0, k + 1 - window) : k + 1].copy()
+        told[:, 2] += 0.5 * k
+        messages.append(("/tb1/vins/path", "nav_msgs/msg/Path", rows[k, 0], path_message(store, rows[k, 0], told)))
+    track = read(write_bag(tmp_path / "a", kind, store, messages)).tracks["tb1"]
+    np.testing.assert_allclose(track[:, 0], rows[:, 0], atol=1e-6)
+    begin = 60 - min(window, 60)
+    np.testing.assert_allclose(track[begin:, 2], rows[begin:, 2] + 0.5 * 59, atol=1e-6)
+    assert (np.abs(track[:, 1] - rows[:, 1]) < 1e-6).all()
+
+
+def test_a_path_is_taken_where_there_is_nothing_else_and_a_plan_never(tmp_path: Path) -> None:
+    store = store_with({}, 2)
+    rows = walk(phase=5)
+    path = ("/tb1/path", "nav_msgs/msg/Path", 1002.5, path_message(store, 1002.5, rows))
+    plan = ("/tb1/plan", "nav_msgs/msg/Path", 1002.5, path_message(store, 1002.5, rows))
+    goal = ("/tb1/goal_pose", STAMPED, 1002.5, pose_message(store, STAMPED, 1002.5, rows[0, 1:].tolist()))
+    both = read(write_bag(tmp_path / "a", "sqlite3", store, [*two_walks(store), path, plan, goal]))
+    assert set(both.tracks) == {"tb1", "tb2"}
+    assert "/tb1/odom is tb1's track (and not /tb1/path)" in both.notes
+    unstamped = ("/tb1/path", "nav_msgs/msg/Path", 1002.5, path_message(store, 1002.5, rows, stamped=False))
+    bag = write_bag(tmp_path / "b", "sqlite3", store, [unstamped, plan, goal])
+    alone = read(bag)
+    assert not alone.tracks
+    assert "/tb1/path is left out: the poses in its messages have no stamps of their own" in alone.notes
+
+
 def test_a_topic_that_is_not_there_is_named(tmp_path: Path) -> None:
     store = store_with({}, 2)
     bag = write_bag(tmp_path / "a", "sqlite3", store, two_walks(store))
@@ -225,3 +262,44 @@ def test_a_distance_to_the_ground_is_no_range_between_devices(tmp_path: Path) ->
     store = store_with({}, 2)
     down = [("/tb1/altimeter/down", RANGE, 1000.5, range_message(store, 1000.5, 1.5))]
     assert len(read(write_bag(tmp_path / "a", "sqlite3", store, [*two_walks(store), *down])).ranges) == 0
+
+
+ANCHOR = {"dwm_msgs/msg/Anchor": "std_msgs/Header header\nstring id\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 distance"}
+RESPONDER = {
+    "drv_msgs/msg/UwbRange": "std_msgs/Header header\nuint8 requester_id\nuint8 responder_id\nfloat32 distance\n"
+    "geometry_msgs/Point responder_location"
+}
+
+
+def test_messages_that_say_where_an_anchor_is_survey_it(tmp_path: Path) -> None:
+    store = store_with(ANCHOR, 2)
+    of = store.types["dwm_msgs/msg/Anchor"]
+    anchors = [("A1", 1.0, 2.0, 2.5), ("A2", 4.0, 2.0, 2.5)]
+    messages = [
+        ("/tb1/anchors", "dwm_msgs/msg/Anchor", 1000.5,
+         of(header=header(store, 1000.5), id=name, x=x, y=y, z=z, distance=3.0)) for name, x, y, z in anchors
+    ]  # fmt: skip
+    imported = read(write_bag(tmp_path / "a", "sqlite3", store, [*two_walks(store), *messages]))
+    assert (imported.ranges.a, imported.ranges.b) == (["tb1", "tb1"], ["A1", "A2"])
+    assert {name: imported.users[name].position for name, *_ in anchors} == {n: (x, y, z) for n, x, y, z in anchors}
+
+
+def test_a_place_that_is_not_known_is_none(tmp_path: Path) -> None:
+    """Drivers have 99999 where nobody said it."""
+    store = store_with(RESPONDER, 1)
+    of, point = store.types["drv_msgs/msg/UwbRange"], store.types["geometry_msgs/msg/Point"]
+    messages = []
+    for other, x in ((2, 99999.0), (100, 99999.0), (101, 4.0)):
+        said = of(
+            header=header(store, 1000.5),
+            requester_id=1,
+            responder_id=other,
+            distance=2.5,
+            responder_location=point(x=x, y=x, z=x),
+        )
+        messages.append(("/uwb", "drv_msgs/msg/UwbRange", 1000.5, said))
+    bag = write_bag(tmp_path / "a.bag", "ros1", store, [*two_walks(store), *messages])
+    out = tmp_path / "out"
+    assert main(["convert", str(bag), str(out)]) == 0
+    users = {user.name: user.position for user in Recording.load(out).users}
+    assert users == {"tb1": None, "tb2": None, "100": None, "101": (4.0, 4.0, 4.0)}

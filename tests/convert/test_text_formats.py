@@ -123,8 +123,58 @@ def test_dwm1001_lines_of_both_commands_give_ranges_and_the_anchors_places(tmp_p
     assert (both.ranges.a, both.ranges.b) == (["alice"] * 4, ["022E", "9280"] * 2)
     assert list(both.ranges.distance) == [3.44, 5.68, 3.38, 5.49]
     assert list(both.ranges.t) == [1700000000.25] * 2 + [1700000000.5] * 2
-    np.testing.assert_allclose(both.truth["9280"], [[0, 7.95, 0, 2.5, 0, 0, 0, 1]])
     assert both.users["022E"].static
+    assert both.users["9280"].position == (7.95, 0.0, 2.5)
+    assert not both.truth
+
+
+def test_anchors_that_nobody_placed_are_not_taken_for_surveyed(tmp_path: Path) -> None:
+    """A DWM1001 whose place was not entered says that it is at the origin."""
+    text = "1.5 AAAA[0.00,0.00,0.00]=3.38 BBBB[0.00,0.00,0.00]=5.49 CCCC[4.00,0.00,2.00]=2.5\n"
+    imported = read(tmp_path, text)
+    assert [imported.users[name].position for name in ("AAAA", "BBBB", "CCCC")] == [None, None, (4.0, 0.0, 2.0)]
+    assert any(note.startswith("AAAA, BBBB: told to be at one and the same place") for note in imported.notes)
+
+
+def test_pozyx_says_where_its_anchors_are_in_millimetres(tmp_path: Path) -> None:
+    anchors = "ANCHOR,0x6951,X: 0, Y: 4000, Z: 2500\nANCHOR,0x6952,1500,-20,2500\nANCHOR,0x6999,X: 1, Y: 1, Z: 1\n"
+    users = read(tmp_path, anchors + POZYX).users
+    assert {name: user.position for name, user in users.items()} == {
+        "0x6951": (0.0, 4.0, 2.5),
+        "0x6952": (1.5, -0.02, 2.5),
+    }
+
+
+@pytest.mark.parametrize(
+    ("prior", "sigma"),
+    [
+        ("VERTEX_XY:PRIOR 1.0 L0 2.5 3 0.01 0 0.04", 0.025**0.5),
+        ("VERTEX_XYZ:PRIOR 1.0 L0 2.5 3 0 9e-4 0 0 9e-4 0 9e-4", 0.03),
+    ],
+)
+def test_a_landmark_with_a_prior_was_surveyed_and_stands_so_in_the_recording(
+    tmp_path: Path, prior: str, sigma: float
+) -> None:
+    user = read(tmp_path, f"{PYFG}{prior}\n", "g.pyfg").users["L0"]
+    assert user.position == (2.5, 3.0, 0.0)
+    assert user.position_sigma == pytest.approx(sigma)
+    assert read(tmp_path, PYFG, "g.pyfg").users["L0"].position is None
+    (tmp_path / "g.pyfg").write_text(f"{PYFG}{prior}\n")
+    assert main(["convert", str(tmp_path / "g.pyfg"), str(tmp_path / "out")]) == 0
+    assert "position = [2.5, 3.0, 0.0]" in (tmp_path / "out/recording.toml").read_text()
+
+
+def test_a_map_says_where_a_radio_was_surveyed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "g.pyfg").write_text(PYFG)
+    told, out = tmp_path / "map.toml", tmp_path / "out"
+    told.write_text("[radios.L0]\nposition = [1, 2, 3]\nposition_sigma = 0.5\n")
+    assert main(["convert", str(tmp_path / "g.pyfg"), str(out), "--map", str(told)]) == 0
+    user = next(user for user in Recording.load(out).users if user.name == "L0")
+    assert (user.position, user.position_sigma) == ((1.0, 2.0, 3.0), 0.5)
+    for wrong in ("position = [1, 2]", "position_sigma = 0.5", "position = [1, 2, 3]\nlever = [0, 0, 0]", "place = 1"):
+        told.write_text(f"[radios.L0]\n{wrong}\n")
+        assert main(["convert", str(tmp_path / "g.pyfg"), str(tmp_path / "no"), "--map", str(told)]) == 2
+        assert "radios.L0" in capsys.readouterr().err
 
 
 def test_a_log_without_times_says_what_to_do(tmp_path: Path) -> None:

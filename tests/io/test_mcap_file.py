@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.mcap_doctor import examine
 
 from synchronizar.cli import main
 from synchronizar.data.recording import Recording
@@ -122,6 +123,30 @@ def test_schemas_are_as_foxglove_reads_them_and_messages_are_as_they_say(walk: P
                 check_schema(schemas[schema.name])
             check_value(json.loads(message.data), schemas[schema.name])
     assert len(schemas) == 5
+
+
+@pytest.mark.parametrize("answer", ["", "answer", "live"])
+def test_a_doctor_finds_nothing_wrong_with_the_file(walk: Path, answer: str) -> None:
+    out = walk.parent / "sound.mcap"
+    options = ["--answer", str(walk.parent / answer)] if answer else []
+    assert main(["convert", str(walk), str(out), *options]) == 0
+    counts = examine(out)
+    assert counts["/ranges"] == np.isfinite(Recording.load(walk).ranges.distance).sum()
+    assert counts.total() > counts["/ranges"] + counts["/tf"] > 0
+
+
+def test_a_doctor_finds_every_byte_that_is_changed(walk: Path) -> None:
+    """In any tenth of the file: what checks the writer has to be able to see that something is wrong."""
+    out = walk.parent / "sound.mcap"
+    assert main(["convert", str(walk), str(out)]) == 0
+    whole = out.read_bytes()
+    for at in np.linspace(20, len(whole) - 1, 11).astype(int).tolist():
+        out.write_bytes(whole[:at] + bytes([whole[at] ^ 0x41]) + whole[at + 1 :])
+        try:
+            examine(out)
+        except Exception:  # whatever the broken part leads to
+            continue
+        pytest.fail(f"byte {at} of {len(whole)} may be anything")
 
 
 def test_the_file_is_sound_whether_it_is_read_by_its_index_or_from_its_beginning(walk: Path) -> None:

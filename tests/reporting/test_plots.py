@@ -604,3 +604,23 @@ def test_of_many_devices_slams_own_tracks_are_left_out_of_the_map() -> None:
         for ax in (draw(crowd(count), "walk").axes[0] for count in (3, 20))
     ]
     assert dashed == [4, 0]
+
+
+def test_of_many_devices_each_is_named_where_it_ends_and_its_last_seconds_stand_out() -> None:
+    answer = crowd(20)
+    ax = draw(answer, "walk").axes[0]
+    for name, text in zip(answer.tracks, ax.texts, strict=True):
+        np.testing.assert_allclose(text.xy, answer.tracks[name].position[-1, :2])
+    strong = [line for line in ax.lines if line.get_linewidth() > 1.0 and line.get_linestyle() != "None"]
+    walkers = [track for name, track in answer.tracks.items() if not answer.registration.users[name].static]
+    assert len(strong) == len(walkers)
+    for line, track in zip(strong, walkers, strict=True):
+        assert len(line.get_xdata()) == np.count_nonzero(track.t >= track.t[-1] - 4.0)
+
+
+def test_names_can_be_read_on_white_in_every_colour() -> None:
+    """The contrast that WCAG 2 asks for (AA), by its own formula."""
+    for style in styles(crowd(20)).values():
+        rgb = np.array([int(style.ink[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        assert 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05) >= 4.45

@@ -72,6 +72,13 @@ def pose_message(store: Any, name: str, t: float, row: Sequence[float], frame: s
     return types[name](header=head, child_frame_id=child, pose=covered, twist=moving)
 
 
+def path_message(store: Any, t: float, rows: Iterable[Sequence[float]], stamped: bool = True) -> Any:
+    """A nav_msgs/Path of t x y z qx qy qz qw."""
+    name = "geometry_msgs/msg/PoseStamped"
+    poses = [pose_message(store, name, row[0] if stamped else 0.0, row[1:]) for row in rows]
+    return store.types["nav_msgs/msg/Path"](header=header(store, t, "map"), poses=poses)
+
+
 def range_message(store: Any, t: float, distance: float, frame: str = "") -> Any:
     """A sensor_msgs/Range."""
     return store.types["sensor_msgs/msg/Range"](
@@ -118,4 +125,4 @@ def _known(store: Any, name: str, **values: Any) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key in fields}
 
 
-__all__ = ["header", "pose_message", "range_message", "store_with", "transforms", "walk", "write_bag"]
+__all__ = ["header", "path_message", "pose_message", "range_message", "store_with", "transforms", "walk", "write_bag"]

@@ -191,6 +191,7 @@ class Engine:
         _, found = self._searcher.poll()
         if found is not None and found.gauge in found.users:
             self.findings.take(found, self.schedule.sought())
+            self._judging.judge_soon()  # who has joined may be less sure beside those who are followed than a search is
 
     # What is told
 

@@ -61,7 +61,7 @@ def draw_names(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
             ax.plot(0.1, row, "^", color=style.colour, markersize=6)
         else:
             ax.plot([0.0, 0.2], [row, row], linestyle=style.dashes, color=style.colour, linewidth=2.0)
-        ax.text(0.26, row, short(name), color=style.colour, fontsize=_font_size(answer), va="center")
+        ax.text(0.26, row, short(name), color=style.ink, fontsize=_font_size(answer), va="center")
     if len(answer.names) > MOST_ROWS:
         ax.text(0.26, MOST_ROWS, f"and {len(answer.names) - MOST_ROWS} more", fontsize=_font_size(answer), va="center")
     ax.set(xlim=(0.0, 1.0), ylim=_limits(answer))
@@ -151,7 +151,7 @@ def _draw_estimate(ax: Axes, row: int, user: UserRegistration, kind: Kind, value
         capsize=2.5,
         linewidth=1.2,
     )
-    text = format(value / kind.unit, kind.form)
+    text = format(value / kind.unit, f"z{kind.form}")
     _write(ax, row, f"{text} ±{reach:{kind.form}}" if reach else text, colour, font_size)
 
 

@@ -29,7 +29,7 @@ def draw_jumps(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
         name, jump = jumps[k]
         turn, tilt = np.degrees(jump.turn), np.degrees(jump.tilt)
         cells = (f"{times[k]:.1f}", short(name), f"{jump.distance:.2f}", f"{turn:+.1f}", f"{tilt:.1f}")
-        _write(ax, row, cells, styles[name].colour)
+        _write(ax, row, cells, styles[name].ink)
     if len(jumps) > MOST_JUMPS:
         _write(ax, MOST_JUMPS + 2, ("", f"and {len(jumps) - MOST_JUMPS} more", "", "", ""), "black")
 

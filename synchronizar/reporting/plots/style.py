@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
+from matplotlib.colors import to_hex, to_rgb
 
+from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.reporting.answer import Answer
 from synchronizar.reporting.uncertainty import axes_of, plane_covariance
@@ -15,6 +17,8 @@ from synchronizar.reporting.uncertainty import axes_of, plane_covariance
 PALETTE = ("#332288", "#44AA99", "#AA4499", "#999933", "#88CCEE", "#882255", "#117733", "#DDCC77", "#CC6677")
 Dashes = Literal["-", "--", "-.", ":"]
 DASHES: tuple[Dashes, ...] = ("-", "--", "-.", ":")
+CONTRAST = 4.5
+"""Of text to its background, at least (WCAG 2, AA)."""
 STATIC = "#333333"
 USED, REJECTED = "#888888", "#E3170A"
 FAINT = 0.35
@@ -32,6 +36,20 @@ class Style(NamedTuple):
 
     colour: str
     dashes: Dashes
+
+    @property
+    def ink(self) -> str:
+        """The colour, dark enough to be read on white."""
+        rgb = np.array(to_rgb(self.colour))
+        while 1.05 / (_luminance(rgb) + 0.05) < CONTRAST:
+            rgb = 0.95 * rgb
+        return to_hex(tuple(rgb))
+
+
+def _luminance(rgb: Array) -> float:
+    """Relative luminance as WCAG has it, 0 to 1."""
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
 def styles(answer: Answer) -> dict[str, Style]:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State
@@ -21,6 +22,8 @@ PANEL_IN = 2.1
 LINE_IN = 0.17
 MARGIN_IN = 1.0
 FEWEST_ROWS, MOST_USERS = 2, 40
+MANY = 8
+"""Of more devices lines are thinner."""
 MOST_EVENTS = 24
 LONGEST_EVENT = 84
 STATE_COLOURS = {
@@ -50,9 +53,10 @@ def draw_timeline(history: History, title: str) -> Figure:
         states = figure.add_subplot(rows[0])
         xy, yaw = (figure.add_subplot(rows[n], sharex=states) for n in (1, 2))
         _draw_states(states, history, of_user)
+        thickness = 1.0 if len(history.users) <= MANY else 0.5
         for name, user in history.users.items():
-            _draw_sigma(xy, history.t, user.sigma_xy, user, of_user[name])
-            _draw_sigma(yaw, history.t, np.degrees(user.sigma_yaw), user, of_user[name])
+            _draw_sigma(xy, history.t, user.sigma_xy, user, of_user[name], thickness)
+            _draw_sigma(yaw, history.t, np.degrees(user.sigma_yaw), user, of_user[name], thickness)
         xy.set(ylabel="in the plane (m)", title="1σ of where everybody was; thick while registered")
         yaw.set(ylabel="heading (°)", xlabel="time since the first range (s)")
         _draw_events(figure.add_subplot(rows[3]), history)
@@ -93,7 +97,7 @@ def _draw_states(ax: Axes, history: History, of_user: dict[str, Style]) -> None:
         ax.text(0.0, MOST_USERS, more, transform=ax.get_yaxis_transform(), fontsize=9, va="center")
     ax.set_yticks(range(len(shown)), [short(name) for name in shown])
     for label, name in zip(ax.get_yticklabels(), shown, strict=True):
-        label.set(color=of_user[name].colour, fontweight="bold")
+        label.set(color=of_user[name].ink, fontweight="bold")
     ax.tick_params("y", length=0, pad=28)
     ax.set(ylim=(_rows(history) - 0.5, -0.6), xlim=(0.0, max(float(history.t.max(initial=0.0)), SHORTEST_S)))
     ax.spines[["top", "left", "right"]].set_visible(False)
@@ -121,13 +125,15 @@ def _new_cues(t: Array, cues: list[str | None]) -> Array:
     return t[[n for n, cue in enumerate(cues) if cue is not None and (n == 0 or cue != cues[n - 1])]]
 
 
-def _draw_sigma(ax: Axes, t: Array, sigma: Array, user: UserHistory, style: Style) -> None:
+def _draw_sigma(ax: Axes, t: Array, sigma: Array, user: UserHistory, style: Style, thickness: float) -> None:
     """Draw 1 sigma (n,) over time, thick while the user is registered."""
     registered = np.array([state is State.REGISTERED for state in user.states], dtype=bool)
-    for y, width in ((sigma, 0.9), (np.where(registered, sigma, np.nan), 2.2)):
+    for y, width in ((sigma, 0.9 * thickness), (np.where(registered, sigma, np.nan), 2.2 * thickness)):
         ax.plot(t, y, linestyle=style.dashes, color=style.colour, linewidth=width)
     ax.set_yscale("log", nonpositive="mask")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())
     ax.grid(color="0.92")
 
 

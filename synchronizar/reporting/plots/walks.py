@@ -11,6 +11,7 @@ from matplotlib.text import Annotation
 
 from synchronizar.arrays import Array
 from synchronizar.data.registration import State, UserRegistration
+from synchronizar.data.track import Track
 from synchronizar.reporting.answer import Answer
 from synchronizar.reporting.drift import common_from_user_at_start, drift_of
 from synchronizar.reporting.plots.labels import Arrangement, label
@@ -25,15 +26,25 @@ MARGIN = 0.08
 ARROW = 0.06
 """Length of an arrow, as a share of the map's side."""
 MANY = 8
-"""Of more devices that move, SLAM's own tracks are left to devices.png, and everything is drawn thinner."""
+"""Of more devices that move, the last part of each walk alone is drawn strongly, and named where it ends."""
+TAIL_S = 4.0
+"""s: of a walk that is one of many, drawn strongly; the rest is as faint as it takes not to be a tangle."""
+WHOLE = 0.25
+"""Opacity of that rest."""
 MOST_TIMES = 12
 """Jumps labelled with their time at most: more would hide the walks."""
 UNCORRECTED = (0, (3.0, 2.0))
 """Dashes of SLAM's own tracks."""
 
-SYMBOLS = (
+ENDS = (
     Line2D([], [], color=STATIC, marker="o", markersize=6, linestyle="", label="start; the arrow is its own x axis"),
     Line2D([], [], color=STATIC, marker="s", markersize=5, linestyle="", label="end"),
+)
+ENDS_OF_MANY = (
+    Line2D([], [], color=STATIC, marker="s", markersize=5, linewidth=1.8, label=f"end, and the {TAIL_S:g} s before"),
+    Line2D([], [], color=STATIC, marker="o", markersize=3, linewidth=0.7, alpha=2 * WHOLE, label="whole walk, start"),
+)
+SYMBOLS = (
     Line2D([], [], color=STATIC, marker="^", markersize=8, linestyle="", label="static radio"),
     Line2D(
         [],
@@ -65,9 +76,10 @@ def is_crowded(answer: Answer) -> bool:
 
 def symbols(answer: Answer) -> tuple[Line2D, ...]:
     """Legend entries of the map's symbols."""
+    shown = (*(ENDS_OF_MANY if is_crowded(answer) else ENDS), *SYMBOLS)
     if not answer.corrects_slam:
-        return SYMBOLS
-    return SYMBOLS + SYMBOLS_OF_CORRECTIONS[1 if is_crowded(answer) else 0 :]
+        return shown
+    return shown + SYMBOLS_OF_CORRECTIONS[1 if is_crowded(answer) else 0 :]
 
 
 def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
@@ -76,8 +88,9 @@ def draw_walks(ax: Axes, answer: Answer, styles: dict[str, Style]) -> None:
     _draw_ranges(ax, answer)
     for name in answer.tracks:
         _draw_user(ax, answer, name, styles[name], span)
+    named, size = (-1, 8.5) if is_crowded(answer) else (0, 10.0)
     labels = [
-        label(ax, short(name), track.position[0], styles[name].colour, 8.5 if is_crowded(answer) else 10.0, bold=True)
+        label(ax, short(name), track.position[named], styles[name].ink, size, bold=True)
         for name, track in answer.tracks.items()
     ]
     if answer.corrects_slam:
@@ -138,7 +151,7 @@ def _draw_corrections(ax: Axes, answer: Answer, styles: dict[str, Style]) -> lis
         ax.plot(x, y, JUMP, color=styles[name].colour, markersize=size, markeredgecolor="white", zorder=5)
         if len(jumps) <= MOST_TIMES:
             when = f"{answer.elapsed(name, np.array([jump.t]))[0]:.1f} s"
-            labels.append(label(ax, when, (x, y), styles[name].colour, 8.0))
+            labels.append(label(ax, when, (x, y), styles[name].ink, 8.0))
     return labels
 
 
@@ -163,9 +176,12 @@ def _draw_user(ax: Axes, answer: Answer, name: str, style: Style, span: float) -
     if user.state is State.AMBIGUOUS:
         for walk in answer.other_walks(name):
             _draw_walk(ax, walk, user, style._replace(dashes="--"), alpha=FAINT, width=1.5)
-    _draw_walk(ax, position, user, style, alpha=0.9, width=0.7 if is_crowded(answer) else 1.5)
+    if is_crowded(answer) and not user.static:
+        _draw_one_of_many(ax, answer.tracks[name], style)
+    else:
+        _draw_walk(ax, position, user, style, alpha=0.9, width=1.5)
     _draw_ellipse(ax, user, position[-1], style, largest=span)
-    if not user.static:
+    if not user.static and not is_crowded(answer):
         if not answer.corrects_slam:  # else the covariance is that of the frame at the end alone
             _draw_ellipse(ax, user, position[0], style, largest=span)
         _draw_heading(ax, common_from_user_at_start(answer, name).yaw, position[0], style, ARROW * span)
@@ -182,6 +198,16 @@ def _draw_walk(ax: Axes, walk: Array, user: UserRegistration, style: Style, alph
     ax.plot(x[rows], y[rows], linestyle=style.dashes, color=style.colour, linewidth=width, alpha=alpha, zorder=3)
     ax.plot(x[:1], y[:1], "o", color=style.colour, markersize=7, markeredgecolor="white", alpha=alpha, zorder=5)
     ax.plot(x[-1:], y[-1:], "s", color=style.colour, markersize=6, markeredgecolor="white", alpha=alpha, zorder=5)
+
+
+def _draw_one_of_many(ax: Axes, track: Track, style: Style) -> None:
+    """Draw a walk faintly, and its last seconds strongly."""
+    x, y = track.position[:, 0], track.position[:, 1]
+    rows, tail = few(len(track)), track.t >= track.t[-1] - TAIL_S
+    for part, width, alpha in ((rows, 0.7, WHOLE), (tail, 1.8, 0.9)):
+        ax.plot(x[part], y[part], linestyle=style.dashes, color=style.colour, linewidth=width, alpha=alpha, zorder=3)
+    ax.plot(x[:1], y[:1], "o", color=style.colour, markersize=3, alpha=2 * WHOLE, zorder=2)
+    ax.plot(x[-1:], y[-1:], "s", color=style.colour, markersize=6, markeredgecolor="white", zorder=5)
 
 
 def _draw_ellipse(ax: Axes, user: UserRegistration, place: Array, style: Style, largest: float) -> None:
@@ -224,7 +250,7 @@ def _draw_unseen(ax: Axes, user: UserRegistration, end: Array, style: Style, len
             textcoords="offset points",
             ha="center",
             fontsize=8,
-            color=style.colour,
+            color=style.ink,
         )
     else:
         way = 1.5 * length * along / np.hypot(along[0], along[1])

@@ -89,7 +89,7 @@ function drawGrid() {
   }
   for (let y = Math.ceil((view.y - high) / step) * step; y < view.y + high; y += step) {
     element("path", { class: "grid", d: `M0 ${toY(y)}H${view.width}` }, layers.grid);
-    if (toY(y) < view.height - 24) writing(layers.grid, `${plain(y)} m`, { x: 4, y: toY(y) - 4 });
+    if (toY(y) > 16 && toY(y) < view.height - 24) writing(layers.grid, `${plain(y)} m`, { x: 4, y: toY(y) - 4 });
   }
 }
 

@@ -5,7 +5,7 @@ import { UNUSABLE, pairKey, pairs, ranges, stateAt, users, values } from "./valu
 export const number = (x, digits, signed = false) =>
   x === null || x === undefined || Number.isNaN(x)
     ? "–"
-    : `${signed && x >= 0 ? "+" : ""}${x.toFixed(digits)}`.replace("-", "−");
+    : `${signed && x >= 0 ? "+" : ""}${x.toFixed(digits)}`.replace(/^-(?=[0.]*$)/, "").replace("-", "−");
 export const degrees = (x, digits = 1, signed = false) => number(x === null ? null : (x * 180) / Math.PI, digits, signed);
 const VERDICTS = ["used", "rejected", "unusable"];
 
