@@ -431,7 +431,7 @@ NB_MODULE(_core, m) {
           "step_noise",
           [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
              const WalkNoise& noise, const LossKind& loss, const Marks& kept, const Marks& counted,
-             const Column& tried, double weight, int rounds) {
+             const Column& tried, double begin, double weight, int rounds) {
             check_states(self, places, calibration, noise);
             require(kept.size() == places.rows() && counted.size() == places.rows(),
                     "kept and counted must be (m,)");
@@ -439,8 +439,9 @@ NB_MODULE(_core, m) {
               require(first == counted.size() || !counted[first], "no step leads to a user's first keyframe");
             }
             require(tried.size() > 0 && tried.minCoeff() > 0.0, "tried must be positive");
+            require(begin > 0.0, "begin must be positive");
             const auto found = self.step_noise({places, calibration}, noise, make_loss(loss, 1.0), kept,
-                                               counted, tried, weight, rounds);
+                                               counted, tried, begin, weight, rounds);
             std::vector<Eigen::MatrixXd> factors;
             Column evidence(tried.size()), determined(tried.size());
             for (size_t b = 0; b < found.size(); ++b) {
@@ -450,8 +451,17 @@ NB_MODULE(_core, m) {
             }
             return std::tuple(factors, evidence, determined);
           },
-          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "tried"_a, "weight"_a,
-          "rounds"_a);
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "kept"_a, "counted"_a, "tried"_a, "begin"_a,
+          "weight"_a, "rounds"_a)
+      .def(
+          "log_determinant",
+          [](const WalkSolver& self, const WalkPlaces& places, const ThreeColumns& calibration,
+             const WalkNoise& noise, const LossKind& loss, const Column& height_curvature) {
+            check_states(self, places, calibration, noise);
+            require(height_curvature.size() == self.walks().measured.size(), "height_curvature must be (n,)");
+            return self.log_determinant({places, calibration}, noise, make_loss(loss, 1.0), height_curvature);
+          },
+          "places"_a, "calibration"_a, "noise"_a, "loss"_a, "height_curvature"_a);
 
   nb::class_<RigidSolver>(m, "RigidSolver")
       .def(

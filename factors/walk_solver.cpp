@@ -586,9 +586,22 @@ Eigen::MatrixXd WalkSolver::covariance(const WalkStates& states, const WalkNoise
   return 0.5 * (out + out.transpose());
 }
 
+double WalkSolver::log_determinant(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                                   const Column& height_curvature) const {
+  System system = linearized(states, noise, loss, &height_curvature, nullptr);
+  double damping = 1e-12;
+  while (!system.matrix.factorize() && damping < 1.0) {
+    system = linearized(states, noise, loss, &height_curvature);
+    system.matrix.damp(1.0 + damping);
+    damping *= 1e2;
+  }
+  return system.matrix.log_determinant();
+}
+
 std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise,
                                               const Loss& loss, const Marks& kept, const Marks& counted,
-                                              const Column& tried, double weight, int rounds) const {
+                                              const Column& tried, double begin, double weight,
+                                              int rounds) const {
   // Rows that stay: of keyframes, of users who have any, and of ranges between them.
   std::vector<int> keyframes, users, ranges;
   Numbers new_keyframe = Numbers::Constant(kept.size(), -1);
@@ -649,7 +662,7 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
   // The first keyframe that stays of a user has no step that leads to it.
   Marks its_counted = counted(keyframes);
   for (int u = 0; u < part.users; ++u) its_counted[part.first[u]] = false;
-  const auto of_part = WalkSolver(part).step_noise(here, its, loss, its_counted, tried, weight, rounds);
+  const auto of_part = WalkSolver(part).step_noise(here, its, loss, its_counted, tried, begin, weight, rounds);
   for (size_t b = 0; b < out.size(); ++b) {
     out[b].factors(users, all) = of_part[b].factors;
     out[b].evidence = of_part[b].evidence;
@@ -660,7 +673,7 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
 
 std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const WalkNoise& noise,
                                               const Loss& loss, const Marks& counted, const Column& tried,
-                                              double weight, int rounds) const {
+                                              double begin, double weight, int rounds) const {
   const System others = linearized(states, noise, loss, nullptr, &counted);
   std::vector<StepNoise> out;
   double most = -std::numeric_limits<double>::infinity();
@@ -672,6 +685,7 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
   }
   for (size_t b = 0; b < out.size(); ++b) {
     if (out[b].evidence < most - kHopeless) continue;
+    out[b].factors *= begin;
     maximize(tried[static_cast<Eigen::Index>(b)], out[b], others, states, noise, counted, weight, rounds);
   }
   return out;

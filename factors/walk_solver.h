@@ -132,12 +132,17 @@ class WalkSolver {
   Eigen::MatrixXd covariance(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                              const Column& height_curvature, const Numbers& keyframes) const;
 
+  // The logarithm of the determinant of the cost's second derivatives at a local optimum: with the cost, what
+  // Laplace's approximation of the evidence needs. `height_curvature` as above.
+  double log_determinant(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
+                         const Column& height_curvature) const;
+
   // What the ranges say of the noise of SLAM's steps, in the system linearised at these states, were it about
-  // each of `tried` (b) times what it is. Steps to the keyframes `counted` (m) have the factors, others stay
+  // each of `tried` (b) times what it is; users' own factors are sought from `begin` times that on. Steps to the keyframes `counted` (m) have the factors, others stay
   // as they are. Only the keyframes `kept` (m), a run of each user, and the ranges between them are in it.
   std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                     const Marks& kept, const Marks& counted, const Column& tried,
-                                    double weight, int rounds) const;
+                                    double begin, double weight, int rounds) const;
 
  private:
   // Where a variable is: a group (the border is the last one) and its offset there; -1 if it is fixed.
@@ -177,8 +182,8 @@ class WalkSolver {
   double prior_cost(const WalkStates& states, const WalkNoise& noise) const;
   WalkStates moved(const WalkStates& states, const BorderedEnvelope::Sides& step, double length) const;
   std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                    const Marks& counted, const Column& tried, double weight,
-                                    int rounds) const;
+                                    const Marks& counted, const Column& tried, double begin,
+                                    double weight, int rounds) const;
   // The decomposition with steps whose noise has `factors`, the Newton step, and the evidence of the factors.
   struct WithSteps {
     BorderedEnvelope matrix;

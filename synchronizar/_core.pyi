@@ -248,15 +248,23 @@ class WalkSolver:
         kept: Mask,
         counted: Mask,
         tried: Array,
+        begin: float,
         weight: float,
         rounds: int,
     ) -> tuple[list[Array], Array, Array]:
         """What ranges say of the noise of the steps to the keyframes `counted` (m,), about each of `tried` (b,).
 
+        Users' own factors are sought from `begin` times that on.
+
         That is b times (k, 2) factors on step sigmas in place and heading, (b,) the logarithm of the evidence, and (b,)
         how many errors of steps are determined, NaN where the evidence is hopelessly less. Only the keyframes `kept`
         (m,), a run of each user, and the ranges between them are used.
         """
+
+    def log_determinant(
+        self, places: Array, calibration: Array, noise: WalkNoise, loss: Loss, height_curvature: Array
+    ) -> float:
+        """The logarithm of the determinant of the cost's second derivatives; `height_curvature` as in `covariance`."""
 
 class RigidSolver:
     """The most likely frames of k users, n ranges between their rigid walks given (factors/rigid_solver.h)."""

@@ -19,7 +19,7 @@ from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.errors import InputError
 from synchronizar.io.ranges_csv import antenna_indices
-from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, MIN_SIGMA, is_name, quoted
+from synchronizar.io.text import MAX_LENGTH, MAX_PLACE, MAX_STAMP, MIN_SIGMA, is_name, quoted
 from synchronizar.io.tum import track_of_rows
 
 NAMED = 12
@@ -110,7 +110,7 @@ def _joined(place: str, tracks: dict[str, Array], wanted: Mapping[str, str]) -> 
 def _usable(imported: Imported, whose: str, rows: Array) -> Array:
     """The poses that a track can hold."""
     good = np.isfinite(rows).all(axis=1) & (np.abs(rows[:, 0]) <= MAX_STAMP) & rows[:, 4:].any(axis=1)
-    good &= (np.abs(rows[:, 1:4]) <= MAX_LENGTH).all(axis=1)
+    good &= (np.abs(rows[:, 1:4]) <= MAX_PLACE).all(axis=1)
     if not good.all():
         imported.note(f"{(~good).sum()} of {len(rows)} poses of {whose} are no poses and left out")
     return rows[good]

@@ -114,14 +114,12 @@ def never_moves_findings(recording: Recording, parameters: Parameters) -> list[F
 
 def attitude_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
     """Of each device that moves and never turns at all."""
-    found, limits = [], parameters.diagnosis
+    found = []
     for user in recording.users:
         if user.static:
             continue
         track = recording.tracks[user.name]
-        if len(track) < limits.fewest_poses or track.extent() < limits.moving_extent:
-            continue
-        if attitude_span(track) > limits.attitude_noise:
+        if not attitude_is_the_same(track, parameters):
             continue
         what = "the identity" if abs(track.quat_xyzw[0, 3]) > 1.0 - 1e-6 else "the same"
         has = NOT_USED if user.antennas else ""
@@ -136,6 +134,14 @@ def attitude_findings(recording: Recording, parameters: Parameters) -> list[Find
             )
         )
     return found
+
+
+def attitude_is_the_same(track: Track, parameters: Parameters) -> bool:
+    """Whether a device moves and never turns at all."""
+    limits = parameters.diagnosis
+    if len(track) < limits.fewest_poses or track.extent() < limits.moving_extent:
+        return False
+    return attitude_span(track) <= limits.attitude_noise
 
 
 def attitude_span(track: Track) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -50,3 +52,16 @@ def swapped_radio_findings(recording: Recording, in_metres: PairFits, parameters
             (other,),
         )
     ]
+
+
+def without_swapped_radios(recording: Recording, found: Sequence[Finding]) -> Recording:
+    """The same recording, with NaN for the ranges of devices that were `found` to carry each other's radio.
+
+    They would lay themselves elsewhere, and bend everybody else's track towards it.
+    """
+    who = {name for f in found if f.code is Code.SWAPPED_RADIOS for name in (f.user, *f.others)}
+    if not who:
+        return recording
+    r = recording.ranges
+    theirs = np.array([user.name in who for user in recording.users])
+    return replace(recording, ranges=replace(r, distance=np.where(theirs[r.a] | theirs[r.b], np.nan, r.distance)))

@@ -28,7 +28,7 @@ CAUSES = (
 """What keeps a user from being registered, the gravest first."""
 CONTRADICTS = (Code.SWAPPED_RADIOS,)
 """What leaves no doubt that a user is not where a solution has it; where it is the reference's, nobody is."""
-CUTS_OFF = (Code.TIME_UNIT, Code.TIME_OVERLAP, Code.NO_RANGES, Code.RANGE_UNIT, Code.SPARSE_POSES)
+CUTS_OFF = (Code.TIME_UNIT, Code.TIME_OVERLAP, Code.NO_RANGES, Code.RANGE_UNIT, Code.SWAPPED_RADIOS, Code.SPARSE_POSES)
 """What leaves a user without a usable range."""
 OF_ALL = (Code.TIME_UNIT, Code.NO_RANGES, Code.CLOCK, Code.RANGE_UNIT)
 """What spoils everybody's where it is nobody's in particular."""

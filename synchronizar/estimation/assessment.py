@@ -53,12 +53,14 @@ def assess(
     systematic: Collection[int],
     registered: Collection[int] = (),
     duration: float = np.inf,
+    drift: Array | None = None,
 ) -> Assessment:
     """The assessment of optima, best first, of the same problem.
 
     `spread` gives an optimum's covariances (k, 4, 4) beside the reference and its log volume. `systematic` are users
     whose residuals are no noise. Users that are `registered` already stay so up to a higher probability of being wrong.
-    Judged is where the last `duration` s of each walk would lie.
+    Judged is where the last `duration` s of each walk would lie. `drift` (k, 2) are the factors on the model's drift
+    that were measured.
     """
     best = optima[0]
     graph, states, parameters = best.graph, best.states, best.graph.parameters
@@ -77,7 +79,7 @@ def assess(
     covariances[:, :4, :4] = found[0].covariances
     held = [graph.reference, *np.flatnonzero(graph.problem.surveyed).tolist()]
     cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
-    contradicted = cut | _contradicted(graph, states)
+    contradicted = cut | _contradicted(graph, states) | _no_odometry(graph, drift)
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
@@ -97,7 +99,7 @@ def assess(
 
 
 def assess_calibrated(
-    optima: list[LocalOptimum], registered: Collection[int] = (), duration: float = np.inf
+    optima: list[LocalOptimum], drift: Array, registered: Collection[int] = (), duration: float = np.inf
 ) -> Assessment:
     """The assessment under the full model; see `assess`."""
     best = optima[0]
@@ -108,7 +110,7 @@ def assess_calibrated(
         of = own if s is best else marginals(s.graph, s.states, s.em_weights, bent=1)
         return of.relative, of.log_volume
 
-    assessed = assess(optima, spread, (), registered, duration)
+    assessed = assess(optima, spread, (), registered, duration, drift)
     static = np.array([user.static for user in graph.users])
     not_there = static[:, None] & (np.arange(3) != BIAS)
     usual = own.calibrations.copy()
@@ -169,6 +171,18 @@ def _contradicted(graph: PoseGraph, states: States) -> dict[int, str]:
         out[u] = f"{share[u]:.0%} of its ranges are too short by more than noise: it is not where its track has it"
         left &= (s.i != u) & (s.j != u)
     return out
+
+
+def _no_odometry(graph: PoseGraph, drift: Array | None) -> dict[int, str]:
+    """The users whose ranges fit their tracks only with drift that no odometry has, and how far that is."""
+    if drift is None:
+        return {}
+    slam, limits = graph.parameters.slam, graph.parameters.integrity
+    metres = drift[:, 0] * np.hypot(slam.drift_m_per_sqrt_s, slam.drift_m_per_sqrt_m)
+    radians = drift[:, 1] * np.hypot(slam.drift_rad_per_sqrt_s, slam.drift_rad_per_sqrt_m)
+    reason = "its ranges fit its track only if that drifts by {:.2f} m and {:.2f} rad in a second: it is not its track"
+    far = (metres > limits.largest_drift_m) | (radians > limits.largest_drift_rad)
+    return {u: reason.format(metres[u], radians[u]) for u in np.flatnonzero(far).tolist() if u in graph.active_users}
 
 
 def _rejected(measurements: RangeMeasurements, inlier_probability: Array, user: int) -> float:

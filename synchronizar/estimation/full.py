@@ -15,6 +15,7 @@ from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
+from synchronizar.estimation.far_drift import Searched, far_noise, searched
 from synchronizar.estimation.local_optima import (
     BETTER,
     by_cost,
@@ -30,16 +31,15 @@ from synchronizar.estimation.local_optima import (
     with_measured_weights,
     with_noise_alone,
 )
-from synchronizar.estimation.segments import coarse_interval, search_and_grow
+from synchronizar.estimation.segments import keyframes_of_all
 from synchronizar.estimation.slips import slips
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.calibration_priors import with_measured_priors
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import SCALE, common_track
-from synchronizar.graph.step_noise import step_noise
+from synchronizar.graph.step_noise import StepNoise, step_noise
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, keyframes_of
 from synchronizar.preprocessing.raised import lowered, raised_by
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
 from synchronizar.progress import Progress, stage, unheard
@@ -69,7 +69,7 @@ def register_full(recording: Recording, reference: int, parameters: Parameters, 
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
     problem = Problem.of(repaired, reference, parameters)
     optima, noise, searched = solve(problem, repaired_tracks, stage(progress, 0.0, 0.9))
-    assessed = assess_calibrated(optima)
+    assessed = assess_calibrated(optima, noise)
     own = _own_frames(recording, repaired_tracks, optima[0], raised)
     registration = registration_of(assessed, own, len(recording.ranges), {})
     users = {
@@ -148,34 +148,39 @@ def solve(
     `begun` are joint placements that were found before, to begin with besides: frames (k, 4) about the users' own
     origins, and calibrations (k, 3).
     """
-    coarse = keyframes_of_all(problem, repaired_tracks, coarse_interval(problem))
-    found = search_and_grow(problem, coarse, stage(progress, 0.0, 0.7), begun)
-    searched = perf_counter()
+    search = searched(problem, repaired_tracks, stage(progress, 0.0, 0.7), begun)
+    at = perf_counter()
     heights = [frames[:, 2] for frames, _ in begun]
-    minima, noise = _refined(problem, repaired_tracks, found, heights)
+    minima, noise = _refined(problem, repaired_tracks, search, heights)
     progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
-        found = [*minima[1:], *found]
-        minima, noise = _refined(problem, repaired_tracks, found, heights)
-    return Solved(minima, noise, searched)
+        search = search._replace(found=[*minima[1:], *search.found])
+        minima, noise = _refined(problem, repaired_tracks, search, heights)
+    return Solved(minima, noise, at)
 
 
 def _refined(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], found: list[LocalOptimum], heights: Sequence[Array]
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], search: Searched, heights: Sequence[Array]
 ) -> tuple[list[LocalOptimum], Array]:
     """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
     All of them with priors of calibrations as wide as the ranges make likely (`calibration_priors`), and with the step
     noise that they show of each device (`step_noise`). `heights` (k,) m were found before.
     """
+    found, interval, finest = search.found, search.interval, problem.parameters.slam.keyframe_interval
     first = found[0]
-    interval, finest = coarse_interval(problem), problem.parameters.slam.keyframe_interval
-    usual = first.graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval))
-    best = with_devices_trusted(with_noise_alone(with_measured_weights(first._replace(graph=usual))))
+    begun_with = first.graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval, search.far))
+    best = with_noise_alone(with_measured_weights(first._replace(graph=begun_with)))
+    if search.far is None:
+        best = with_devices_trusted(best)
     graph = with_measured_priors(best.graph, best.states, best.em_weights)
     priors = graph.calibration_priors
     best = graph.run_em(best.states, best.em_weights, _ROUNDS)
-    noise = step_noise(best.graph, best.states, best.em_weights)
+    if search.far is None:
+        noise = step_noise(best.graph, best.states, best.em_weights)
+    else:
+        far = far_noise(best, problem, repaired_tracks)
+        noise = StepNoise(far, far)
     coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used)
     fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
@@ -209,16 +214,3 @@ def _likeliest_held(best: LocalOptimum) -> tuple[LocalOptimum, list[LocalOptimum
             break
         best, others = better, [best, *(s for s in others if s is not better)]
     return best, others
-
-
-def keyframes_of_all(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], interval: float, noise: Array | None = None
-) -> list[Keyframes]:
-    """Keyframes of all k users, `interval` s apart; `noise` (k, 2) are factors on the drift of `parameters.slam`."""
-    factors = np.ones((len(problem.users), 2)) if noise is None else noise
-    return [
-        STATIC_KEYFRAME
-        if user.static
-        else keyframes_of(repaired_tracks[user.name], interval, problem.parameters, (place, heading))
-        for user, (place, heading) in zip(problem.users, factors.tolist(), strict=True)
-    ]

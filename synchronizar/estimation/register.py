@@ -11,6 +11,7 @@ from synchronizar.data.registration import Registration
 from synchronizar.data.survey import with_survey_origin
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.attitudes import without_unbelieved_levers
+from synchronizar.diagnosis.radios import without_swapped_radios
 from synchronizar.diagnosis.reasons import with_reasons
 from synchronizar.diagnosis.solution import findings_of_solution
 from synchronizar.diagnosis.stamps import without_ranges_of_unknown_time
@@ -53,7 +54,7 @@ def register(
         model = "rigid"  # drift grows with seconds, and nobody else can be tied to the reference
     solve = register_full if model == "full" else register_rigid
     used = without_suspect_poses(without_ranges_of_unknown_time(measured, found), parameters)
-    used = without_unbelieved_levers(used, found)
+    used = without_unbelieved_levers(without_swapped_radios(used, found), found)
     registration = solve(used, ref, parameters, progress or unheard)
     found += findings_of_solution(without_suspect_poses(recording, parameters), registration, found, parameters)
     found += survey_findings(recording, registration, parameters)

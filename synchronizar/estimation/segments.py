@@ -17,8 +17,9 @@ from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import SCALE, States
 from synchronizar.preprocessing.centering import centered, centroids
-from synchronizar.preprocessing.keyframes import Keyframes
+from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, Keyframes, keyframes_of
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
+from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.progress import Progress, stage, unheard
 
 _KEYFRAMES = 20  # per first segment, while candidates are compared
@@ -33,6 +34,19 @@ def coarse_interval(problem: Problem) -> float:
     measurements, parameters = problem.measurements, problem.parameters
     length = min(float(np.ptp(measurements.t)) if len(measurements) else 0.0, parameters.search.first_stretch)
     return max(parameters.slam.keyframe_interval, length / _KEYFRAMES)
+
+
+def keyframes_of_all(
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], interval: float, noise: Array | None = None
+) -> list[Keyframes]:
+    """Keyframes of all k users, `interval` s apart; `noise` (k, 2) are factors on the drift of `parameters.slam`."""
+    factors = np.ones((len(problem.users), 2)) if noise is None else noise
+    return [
+        STATIC_KEYFRAME
+        if user.static
+        else keyframes_of(repaired_tracks[user.name], interval, problem.parameters, (place, heading))
+        for user, (place, heading) in zip(problem.users, factors.tolist(), strict=True)
+    ]
 
 
 def search_and_grow(

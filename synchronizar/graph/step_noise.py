@@ -34,6 +34,8 @@ PLACE, HEADING = range(2)
 _LARGEST = 4.0
 _STEP = np.sqrt(2.0)  # between factors that are tried
 _ROUNDS = 4
+_FAR_WEIGHT = 2.0  # steps that usual drift counts as where it is far
+_FAR_ROUNDS = 40  # from wide drift, what steps hardly determine shrinks slowly
 _MOST_KEYFRAMES = 400  # of a longer walk only the middle is used
 
 
@@ -55,23 +57,9 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepN
     used, told = np.ones((k, 2)), np.ones((k, 2))
     if not len(graph.measurements):
         return StepNoise(used, told)
-    walks, weights, counted = graph.walks, list(em_weights.step_weight), []
-    for u in walks.users:
-        ordinary = _ordinary(graph, states, u)
-        weights[u] = np.where(ordinary, 1.0, weights[u])
-        counted += [False, *ordinary.tolist()]
+    walks = graph.walks
     tried = slam.drift_least * _STEP ** np.arange(np.log(_LARGEST / slam.drift_least) / np.log(_STEP) + 1.0)
-    of_users, evidence, determined = walks.solver.step_noise(
-        walks.places(states),
-        states.calibration[walks.users],
-        graph.walk_noise(states.anchor_poses, replace(em_weights, step_weight=weights)),
-        graph.loss,
-        _middle(graph, walks),
-        np.array(counted),
-        tried,
-        slam.drift_weight,
-        _ROUNDS,
-    )
+    of_users, evidence, determined = _about(graph, states, em_weights, tried, 1.0, slam.drift_weight, _ROUNDS)
     likely = np.isfinite(determined)
     factors, evidence, determined = np.array(of_users)[likely], evidence[likely], determined[likely]
     weight = (tried / (1.0 + tried**2) ** 2)[likely] * np.exp(evidence - evidence.max())
@@ -83,6 +71,40 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepN
     spread = np.sqrt(np.tensordot(weight, (factors**2 - squared) ** 2, axes=1))
     told[walks.users] = np.sqrt(np.minimum(squared + spread, np.maximum(squared, 1.0)))
     return StepNoise(used, np.maximum(used, told))
+
+
+def far_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, wide: float) -> Array:
+    """(k, 2) factors relative to `parameters.slam` at an optimum whose steps have `wide` times its noise.
+
+    Each user's own is hardly tied to the usual one: what drifts so far is one device in many.
+    """
+    out = np.ones((len(graph.users), 2))
+    of_users, _, _ = _about(graph, states, em_weights, np.array([1.0 / wide]), wide, _FAR_WEIGHT, _FAR_ROUNDS)
+    out[graph.walks.users] = wide * of_users[0]
+    return out
+
+
+def _about(
+    graph: PoseGraph, states: States, em_weights: EmWeights, tried: Array, begin: float, weight: float, rounds: int
+) -> tuple[list[Array], Array, Array]:
+    """Users' own factors about each that is tried, its evidence, and how many errors are determined."""
+    walks, weights, counted = graph.walks, list(em_weights.step_weight), []
+    for u in walks.users:
+        ordinary = _ordinary(graph, states, u)
+        weights[u] = np.where(ordinary, 1.0, weights[u])
+        counted += [False, *ordinary.tolist()]
+    return walks.solver.step_noise(
+        walks.places(states),
+        states.calibration[walks.users],
+        graph.walk_noise(states.anchor_poses, replace(em_weights, step_weight=weights)),
+        graph.loss,
+        _middle(graph, walks),
+        np.array(counted),
+        tried,
+        begin,
+        weight,
+        rounds,
+    )
 
 
 def _ordinary(graph: PoseGraph, states: States, user: int) -> Mask:

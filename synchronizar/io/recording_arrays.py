@@ -17,7 +17,7 @@ from synchronizar.errors import InputError
 from synchronizar.geometry import Up
 from synchronizar.io.ranges_csv import OPTIONAL, REQUIRED, antenna_indices
 from synchronizar.io.recording_toml import read_up, read_user
-from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, MIN_SIGMA, is_name, quoted
+from synchronizar.io.text import MAX_LENGTH, MAX_PLACE, MAX_STAMP, MIN_SIGMA, is_name, quoted
 from synchronizar.io.tum import track_of_rows
 
 
@@ -68,7 +68,7 @@ def _track(place: str, track: tuple[ArrayLike, ArrayLike, ArrayLike], up: Up) ->
             0,
             f"is no stamp in seconds within {MAX_STAMP:g}",
         ),
-        (~(np.abs(rows[:, 1:4]) <= MAX_LENGTH).all(axis=1), 1, f"is no position within {MAX_LENGTH:g} m"),
+        (~(np.abs(rows[:, 1:4]) <= MAX_PLACE).all(axis=1), 1, f"is no position within {MAX_PLACE:g} m"),
         (~np.isfinite(rows[:, 4:]).all(axis=1) | ~rows[:, 4:].any(axis=1), 2, "is no quaternion"),
     ):
         if bad.any():

@@ -15,7 +15,7 @@ import numpy as np
 from synchronizar.data.user import User
 from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import Up
-from synchronizar.io.text import MAX_LENGTH, MIN_SIGMA, is_name, quoted
+from synchronizar.io.text import MAX_LENGTH, MAX_PLACE, MIN_SIGMA, is_name, quoted
 
 SETTINGS = (
     *("up", "static", "height_sigma", "position", "position_sigma", "range_bias", "range_bias_sigma"),
@@ -118,7 +118,7 @@ def read_user(
     if position is not None:
         if not static:
             raise InputError(path, f"{where}.position is that of a radio that stands still: it needs static = true")
-        position = _three(path, f"{where}.position", position)
+        position = _three(path, f"{where}.position", position, MAX_PLACE)
     elif sigmas["position_sigma"] is not None:
         raise InputError(path, f"{where}.position_sigma is that of a position, which it does not have")
     if bias is not None and not _is_length(bias):
@@ -148,10 +148,10 @@ def _lever(path: str | Path, where: str, antenna: str, lever: object) -> tuple[f
     return _three(path, f"{where}.antennas.{antenna}", lever)
 
 
-def _three(path: str | Path, where: str, value: object) -> tuple[float, float, float]:
+def _three(path: str | Path, where: str, value: object, most: float = MAX_LENGTH) -> tuple[float, float, float]:
     if isinstance(value, np.ndarray):
         value = value.tolist()
-    if not (isinstance(value, list | tuple) and len(value) == 3 and all(_is_length(x) for x in value)):
+    if not (isinstance(value, list | tuple) and len(value) == 3 and all(_is_length(x, most) for x in value)):
         raise InputError(path, f"{where} must be three numbers, [x, y, z] in m")
     x, y, z = value
     return float(x), float(y), float(z)
@@ -166,8 +166,8 @@ def read_up(path: str | Path, where: str, value: object) -> Up:
     raise InputError(path, f'{where} must be "z" or "y"')
 
 
-def _is_length(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_LENGTH
+def _is_length(value: object, most: float = MAX_LENGTH) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= most
 
 
 def _table(path: str | Path, where: str, value: object) -> dict[str, Any]:

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import TextIO
 
 MAX_LENGTH = 1e6
-"""m: a coordinate beyond it is a fault of the file."""
+"""m: a distance, an arm or a sigma beyond it is a fault of the file."""
+MAX_PLACE = 1e7
+"""m: the same of a coordinate, which may be a map's: northings (UTM) count from the equator or the pole."""
 MAX_STAMP = 1e11
 """s: seconds since 1970 are well below it, milliseconds since 1970 beyond."""
 MIN_SIGMA = 1e-6

@@ -12,7 +12,7 @@ from synchronizar.arrays import Array, Mask
 from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
 from synchronizar.geometry import Up, YawFrame
-from synchronizar.io.text import MAX_LENGTH, MAX_STAMP, is_number, open_text, quoted
+from synchronizar.io.text import MAX_PLACE, MAX_STAMP, is_number, open_text, quoted
 from synchronizar.quaternions import normalized_quaternions
 
 COLUMNS = 8
@@ -41,7 +41,7 @@ def read_usable_poses(path: Path, up: Up = "z") -> Track:
     """
     rows = _read_rows(path)
     usable = np.isfinite(rows).all(axis=1) & rows[:, 4:].any(axis=1)
-    usable &= (np.abs(rows[:, 1:4]) <= LARGEST_UNIT * MAX_LENGTH).all(axis=1)
+    usable &= (np.abs(rows[:, 1:4]) <= LARGEST_UNIT * MAX_PLACE).all(axis=1)
     if not usable.any():
         raise InputError(path, "has no pose that can be used")
     return track_of_rows(rows[usable], up)
@@ -96,8 +96,8 @@ def _faults(rows: Array) -> list[tuple[Mask, str]]:
         (~np.asarray(np.isfinite(rows).all(axis=1)), "a number is not finite"),
         (np.abs(rows[:, 0]) > MAX_STAMP, f"the stamp is beyond {MAX_STAMP:g}; stamps are in seconds"),
         (
-            np.asarray((np.abs(rows[:, 1:4]) > MAX_LENGTH).any(axis=1)),
-            f"the position is beyond {MAX_LENGTH:g} m",
+            np.asarray((np.abs(rows[:, 1:4]) > MAX_PLACE).any(axis=1)),
+            f"the position is beyond {MAX_PLACE:g} m",
         ),
         (~np.asarray(rows[:, 4:].any(axis=1)), "the quaternion is zero"),
     ]

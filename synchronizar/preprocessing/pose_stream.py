@@ -316,6 +316,11 @@ class PoseStream:
         table = self._table_now()
         return _tail(table[np.searchsorted(table[:, _T], since) :])
 
+    def slam_track(self, most: int) -> Track:
+        """SLAM's own poses, at most so many, evenly chosen; copies."""
+        table = self._table_now()
+        return _raw_track(table[:: max(1, -(-len(table) // most))].copy())
+
     def repaired(self, since: float) -> RepairedTrack:
         """The same as the batch tells of a whole track, with its axes in those of the stream's beginning; copies.
 

@@ -49,7 +49,7 @@ def test_who_carries_anothers_radio_is_not_registered() -> None:
 
 def test_where_the_reference_carries_anothers_radio_nobody_is_registered() -> None:
     found = sz.register(exchanged(WALK.recording, "phone0", "phone2"))
-    assert {user.state for user in found.users.values()} == {State.UNOBSERVABLE}
+    assert State.REGISTERED not in {user.state for user in found.users.values()}
     assert "each other's radio" in found.users["phone0"].reason
 
 
@@ -62,6 +62,26 @@ def test_a_reference_whose_track_is_another_walks_is_not_registered() -> None:
     found = sz.register(replace(WALK.recording, tracks={**WALK.recording.tracks, "phone0": wrong}))
     assert State.REGISTERED not in {user.state for user in found.users.values()}
     assert "ranges" in found.users["phone0"].reason
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_track_that_has_nothing_to_do_with_the_ranges_registers_nobody(seed: int) -> None:
+    walk = simulate(Scene(users=2, seconds=40.0, seed=seed)).recording
+    other = simulate(Scene(users=2, seconds=40.0, seed=seed + 1000)).recording.tracks["phone1"]
+    mine = walk.tracks["phone1"]
+    n = min(len(other), len(mine))
+    wrong = replace(other, t=mine.t[:n], position=other.position[:n], quat_xyzw=other.quat_xyzw[:n])
+    found = sz.register(replace(walk, tracks={**walk.tracks, "phone1": wrong}))
+    assert found.users["phone1"].state is not State.REGISTERED
+
+
+def test_who_carries_anothers_radio_does_not_lead_the_others_astray() -> None:
+    four = simulate(Scene(users=4, seconds=20.0, seed=5)).recording
+    r, without = four.ranges, [four.index(name) for name in ("phone1", "phone2")]
+    left = replace(four, ranges=r.select(~np.isin(r.a, without) & ~np.isin(r.b, without)))
+    found, expected = sz.register(exchanged(four, "phone1", "phone2")), sz.register(left)
+    assert found.users["phone3"].state is State.REGISTERED
+    assert found.users["phone3"].common_from_user == expected.users["phone3"].common_from_user
 
 
 @pytest.mark.parametrize("names", [("phone0", "phone1", "phone2"), ("phone1",), ("phone0",)])

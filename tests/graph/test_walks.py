@@ -12,7 +12,7 @@ from support.solver_scenes import honest_information, recording_of, track_of
 from synchronizar._core import WalkSolver
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
-from synchronizar.estimation.full import keyframes_of_all
+from synchronizar.estimation.segments import keyframes_of_all
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import keys
 from synchronizar.graph import step_noise as noise_module
@@ -266,6 +266,7 @@ def test_step_noise_and_its_evidence_are_those_of_a_dense_matrix(kind: str, refe
         np.ones(len(counted), dtype=bool),
         np.array(counted),
         np.array(tried),
+        1.0,
         graph.parameters.slam.drift_weight,
         rounds,
     )
@@ -275,6 +276,25 @@ def test_step_noise_and_its_evidence_are_those_of_a_dense_matrix(kind: str, refe
         evidence - evidence[0], [of.evidence - expected[0].evidence for of in expected], rtol=2e-3, atol=0.05
     )
     np.testing.assert_allclose(determined, [of.determined for of in expected], rtol=5e-3)
+
+
+@kinds
+def test_the_determinant_is_that_of_gtsams_matrix(kind: str, reference: int) -> None:
+    """Up to what the change from frames to places adds, which is the same for any drift."""
+    graph = graph_of(kind, reference)
+    states, em_weights = optimum_of(graph)
+    narrow = graph.with_keyframes([replace(k, step_sigma=0.2 * k.step_sigma) for k in graph.keyframes])
+    found, expected = [], []
+    for one in (graph, narrow):
+        walks, form = one.walks, GtsamForm(one)
+        curvature = mean_curvature(one, one.height_curvature(states, em_weights))
+        noise = one.walk_noise(states.anchor_poses, em_weights)
+        at = walks.places(states), states.calibration[walks.users]
+        found.append(walks.solver.log_determinant(*at, noise, one.loss, curvature))
+        factors = form.factors(states.anchor_poses, em_weights, height_curvature=curvature)
+        information, _ = factors.linearize(form.values(states)).hessian(form.ordering())
+        expected.append(np.linalg.slogdet(information)[1])
+    assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], rel=1e-3)
 
 
 def test_of_a_long_walk_the_middle_tells_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,12 +9,17 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from support.surveyed import CORNERS, among
 
 from synchronizar.cli import main
+from synchronizar.geometry import YawFrame
+from synchronizar.simulation.simulate import Scene
 
 ANY_PORTS = ("--host", "127.0.0.1", "--port", "0", "--udp-port", "0")
 
@@ -61,6 +66,25 @@ def test_a_recording_joins_a_server_and_is_told_where_its_devices_are(
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=120.0)
         assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_people_among_surveyed_radios_on_a_map_join_a_room(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The survey's zero is 5.4 million metres away, and so are the tracks' own."""
+    origin = (405000.25, 5412345.5, 30.0)
+    simulation = among(Scene(users=2, seconds=10.0, seed=6, rate_hz=5.0), CORNERS, origin=origin)
+    own = {name: YawFrame(*origin) @ track.position for name, track in simulation.recording.tracks.items()}
+    tracks = {name: replace(track, position=own[name]) for name, track in simulation.recording.tracks.items()}
+    walk = tmp_path / "walk"
+    replace(simulation.recording, tracks=tracks).save(walk)
+    with serve() as (_, where):
+        assert main(["play", str(walk), where["join"], "--speed", "1000", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["reference"] == "survey"
+    for name, position in own.items():
+        user = answer["users"][name]
+        assert user["state"] == "registered"
+        here = np.array(user["matrix"]) @ np.append(position[-1], 1.0)
+        assert np.linalg.norm(here[:3] - simulation.truth[name].position[-1]) < 0.3
 
 
 @pytest.mark.parametrize(

@@ -205,7 +205,7 @@ BROKEN = [
     Broken(
         "a quaternion is NaN, after a comment", content(A, f"# c\n\n{ALICE}9 0 0 0 nan 0 0 1"), Fault(A, 15, "finite")
     ),
-    Broken("a position is 1e300", line(A, 6, "2.5 1e300 0 0 0 0 0 1"), Fault(A, 6, "1e+06 m")),
+    Broken("a position is 1e300", line(A, 6, "2.5 1e300 0 0 0 0 0 1"), Fault(A, 6, "1e+07 m")),
     Broken("a stamp is 1e300", line(A, 6, "1e300 0 0 0 0 0 0 1"), Fault(A, 6, "seconds")),
     Broken("a number overflows", line(A, 6, "2.5 1e999 0 0 0 0 0 1"), Fault(A, 6, "not finite")),
     Broken("a stamp is in milliseconds", line(A, 1, "1700000000000 0 0 0 0 0 0 1"), Fault(A, 1, "seconds")),

@@ -167,11 +167,24 @@ class Engine:
 
     def _search(self) -> None:
         """Begin a search, and take in what it found where it has ended at once."""
+        self._judge_attitudes()
         sought, checking = self.schedule.begin()
         snapshot = snapshot_of(self.roster, self.following, self.log, sought, checking, self.findings.candidates)
         if len(snapshot.serial):
             self._searcher.begin(snapshot)
         self._take_found()
+
+    def _judge_attitudes(self) -> None:
+        """Whoever was placed by antennas that are not where its attitudes have them is looked for anew."""
+        found = self.roster.judge_attitudes()
+        if found:
+            self.following.tracking.use_antennas(self.roster.users)
+        for user in found:
+            if user != self.reference and user in self.following.tracking.members:
+                self.following.leave(user)
+                self.roster.look_anew(
+                    user, State.UNOBSERVABLE, "its attitudes cannot be believed: it is looked for anew"
+                )
 
     def _take_found(self) -> None:
         """Take in what a search found, if one has ended."""

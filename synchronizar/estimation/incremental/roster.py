@@ -13,17 +13,21 @@ from synchronizar.arrays import Array
 from synchronizar.data.jump import Jump
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
+from synchronizar.diagnosis.attitudes import NOT_USED
+from synchronizar.diagnosis.belief import why_not_believed
 from synchronizar.estimation.incremental.kept import kept, restore_kept
 from synchronizar.estimation.incremental.standing import Placed, Standing
 from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import PoseStream, SetAside
 
+_MOST_JUDGED = 500  # poses by which attitudes are judged
+
 
 class Roster:
     """Users by their index, at one moment."""
 
-    KEPT: ClassVar[tuple[str, ...]] = ("standings", "now", "events", "raised")
+    KEPT: ClassVar[tuple[str, ...]] = ("standings", "now", "events", "raised", "disbelieved")
 
     def __init__(self, users: tuple[User, ...], reference: int, parameters: Parameters) -> None:
         self.users, self.reference, self.parameters = users, reference, parameters
@@ -32,6 +36,8 @@ class Roster:
         self.standings = [Standing() for _ in users]
         self.raised: list[float | None] = [None for _ in users]
         """SLAM units: the level about which each stream has its heights (`raised_by`); None before the first pose."""
+        self.disbelieved: list[bool] = [False for _ in users]
+        """Whose attitudes cannot be believed: their antennas are taken to be at their origins."""
         self.now = -np.inf
         """s, range clock."""
         self.events: list[str] = []
@@ -46,6 +52,7 @@ class Roster:
         self.streams.append(self._stream(user))
         self.standings.append(Standing())
         self.raised.append(None)
+        self.disbelieved.append(False)
 
     def level_of(self, user: int, height: float | None = None) -> float:
         """SLAM units: the level about which a stream has its heights, chosen by the `height` of its first pose."""
@@ -82,6 +89,20 @@ class Roster:
         if not self.standings[user].lifted:
             return own
         return replace(own, height_sigma=self.parameters.priors.static_height_sigma)
+
+    def judge_attitudes(self) -> list[int]:
+        """Take antennas of devices whose attitudes cannot be believed to be at their origins; whose that is new of."""
+        found = []
+        for u, (user, stream) in enumerate(zip(self.users, self.streams, strict=True)):
+            if stream is None or self.disbelieved[u] or not any(any(lever) for lever in user.antennas.values()):
+                continue
+            if why := why_not_believed(stream.slam_track(_MOST_JUDGED), user.up, self.parameters):
+                self.disbelieved[u] = True
+                found.append(u)
+                at_origin = replace(user, antennas=dict.fromkeys(user.antennas, (0.0, 0.0, 0.0)))
+                self.users = (*self.users[:u], at_origin, *self.users[u + 1 :])
+                self.events.append(f"{user.name}: {why}{NOT_USED}")
+        return found
 
     def renew_stream(self, user: int) -> None:
         """A device's SLAM tells from now on what need not continue what it told before."""

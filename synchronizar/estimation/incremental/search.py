@@ -38,7 +38,7 @@ def search(snapshot: Snapshot) -> Found | None:
     repaired = {name: _repaired(snapshot, name) for name in snapshot.recording.tracks}
     minima, noise, _ = solve(problem, repaired, begun=_starts(snapshot, problem.active_users))
     minima = [optimum for optimum in minima if _agrees(optimum, snapshot)] or minima
-    assessed = assess_calibrated(minima, snapshot.registered, snapshot.parameters.incremental.judged_walk)
+    assessed = assess_calibrated(minima, noise, snapshot.registered, snapshot.parameters.incremental.judged_walk)
     users = {u: _found(snapshot, assessed, u) for u in problem.active_users}
     best = minima[0]
     measurements = best.graph.measurements

@@ -453,6 +453,10 @@ class Tracking:
         self.height_weight = np.append(self.height_weight, 1.0)
         self.calibration_prior = np.vstack([self.calibration_prior, calibration_sigmas(self.parameters)[0]])
 
+    def use_antennas(self, users: tuple[User, ...]) -> None:
+        """Antennas of the same users are elsewhere, for ranges from now on."""
+        self.users, self._levers = users, _levers(users)
+
     def residuals(self, rows: Array) -> Array:
         """(n,) m, predicted minus measured, of ranges (n, columns), at the present estimates."""
         return self.slots.residuals(rows)
