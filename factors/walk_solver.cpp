@@ -608,16 +608,16 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
   Walks part{0, 0, {}, {}, {}, {}, {}, {}, {}, {}, {}};
   std::vector<int> first;
   for (int u = 0; u < walks_.users; ++u) {
-    const auto begin = static_cast<int>(keyframes.size());
+    const auto at = static_cast<int>(keyframes.size());
     for (int n = walks_.first[u]; n < walks_.first[u + 1]; ++n) {
       if (!kept[n]) continue;
       new_keyframe[n] = static_cast<int>(keyframes.size());
       keyframes.push_back(n);
     }
-    if (static_cast<int>(keyframes.size()) == begin) continue;
+    if (static_cast<int>(keyframes.size()) == at) continue;
     if (u == walks_.reference) part.reference = static_cast<int>(users.size());
     users.push_back(u);
-    first.push_back(begin);
+    first.push_back(at);
   }
   std::vector<StepNoise> out;
   for (const double factor : tried) {

@@ -12,6 +12,7 @@ from synchronizar.data.registration import State
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
 from synchronizar.estimation.severed import severed
+from synchronizar.estimation.slips import risen
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States
@@ -79,7 +80,7 @@ def assess(
     covariances[:, :4, :4] = found[0].covariances
     held = [graph.reference, *np.flatnonzero(graph.problem.surveyed).tolist()]
     cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
-    contradicted = cut | _contradicted(graph, states) | _no_odometry(graph, drift)
+    contradicted = cut | _risen(graph, states) | _contradicted(graph, states) | _no_odometry(graph, drift)
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
@@ -183,6 +184,20 @@ def _no_odometry(graph: PoseGraph, drift: Array | None) -> dict[int, str]:
     reason = "its ranges fit its track only if that drifts by {:.2f} m and {:.2f} rad in a second: it is not its track"
     far = (metres > limits.largest_drift_m) | (radians > limits.largest_drift_rad)
     return {u: reason.format(metres[u], radians[u]) for u in np.flatnonzero(far).tolist() if u in graph.active_users}
+
+
+def _risen(graph: PoseGraph, states: States) -> dict[int, str]:
+    """Who was moved up or down beside the reference without its SLAM, as in a lift, and why nobody knows which.
+
+    Ranges between two levels are the same whichever is the upper one.
+    """
+    rise = {u: risen(states, graph, u) for u in graph.active_users}
+    beside = {u: abs(of_user - rise[graph.reference]) for u, of_user in rise.items()}
+    return {
+        u: f"it was moved {off:.1f} m up or down without its SLAM: its ranges do not tell which"
+        for u, off in beside.items()
+        if off > graph.parameters.integrity.largest_error
+    }
 
 
 def _rejected(measurements: RangeMeasurements, inlier_probability: Array, user: int) -> float:

@@ -117,3 +117,13 @@ def slips(states: States, graph: PoseGraph, user: int, track: Track) -> tuple[Ju
         # SLAM's turn is the opposite of its correction.
         out.append(Jump(float(track.t[pose]), pose, float(np.hypot(np.hypot(x, y), z)), float(-turn), 0.0))
     return tuple(out)
+
+
+def risen(states: States, graph: PoseGraph, user: int) -> float:
+    """SLAM units: how far a user's SLAM slipped up or down in all."""
+    frames = graph.keyframes[user]
+    if len(frames.place) < 2:
+        return 0.0
+    errors = steps(states.keyframe_poses[user], frames)
+    slipped = (errors**2).sum(axis=1) > graph.parameters.slam.slip_sigmas**2
+    return float((errors[slipped, 2] * frames.step_sigma[slipped, 1]).sum())
