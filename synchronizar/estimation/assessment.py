@@ -12,7 +12,7 @@ from synchronizar.data.registration import State
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
 from synchronizar.estimation.severed import severed
-from synchronizar.estimation.slips import risen
+from synchronizar.estimation.slips import risen_by
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States
@@ -80,7 +80,8 @@ def assess(
     covariances[:, :4, :4] = found[0].covariances
     held = [graph.reference, *np.flatnonzero(graph.problem.surveyed).tolist()]
     cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
-    contradicted = cut | _risen(graph, states) | _contradicted(graph, states) | _no_odometry(graph, drift)
+    risen = _risen(graph, states) if np.isinf(duration) else {}  # while people walk, ranges tell of it as they come
+    contradicted = cut | risen | _contradicted(graph, states) | _no_odometry(graph, drift)
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
@@ -191,7 +192,7 @@ def _risen(graph: PoseGraph, states: States) -> dict[int, str]:
 
     Ranges between two levels are the same whichever is the upper one.
     """
-    rise = {u: risen(states, graph, u) for u in graph.active_users}
+    rise = {u: risen_by(states, graph, u) for u in graph.active_users}
     beside = {u: abs(of_user - rise[graph.reference]) for u, of_user in rise.items()}
     return {
         u: f"it was moved {off:.1f} m up or down without its SLAM: its ranges do not tell which"

@@ -119,7 +119,7 @@ def slips(states: States, graph: PoseGraph, user: int, track: Track) -> tuple[Ju
     return tuple(out)
 
 
-def risen(states: States, graph: PoseGraph, user: int) -> float:
+def risen_by(states: States, graph: PoseGraph, user: int) -> float:
     """SLAM units: how far a user's SLAM slipped up or down in all."""
     frames = graph.keyframes[user]
     if len(frames.place) < 2:
