@@ -23,8 +23,12 @@ NAMES = ("cmu_scott", "miluv_hist", "tiers5_cora", "tiers_case4_k7", "vub_exp2",
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"{FOLDER} with the real recordings is not there")
 
 
-@cache
 def registered(name: str, kind: Literal["full", "rigid"] = "full") -> tuple[Recording, Registration]:
+    return _registered(name, kind)  # a cache keeps what is given by default apart
+
+
+@cache
+def _registered(name: str, kind: Literal["full", "rigid"]) -> tuple[Recording, Registration]:
     recording = Recording.load(FOLDER / name)
     return recording, register(recording, model=kind)
 

@@ -70,7 +70,10 @@ def test_what_a_page_drew_is_judged_while_the_recording_lasts() -> None:
 
 
 def test_processes_are_told_apart_by_their_command_lines() -> None:
-    with subprocess.Popen([sys.executable, "-c", "input()", "a-word-of-its-own"], stdin=subprocess.PIPE) as child:
+    command = [sys.executable, "-c", "print(flush=True); input()", "a-word-of-its-own"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        child.stdout.readline()  # before this it may not have loaded its program, and has no memory and no name
         of = usage_by_kind(os.getpid(), {"child": b"a-word-of-its-own", "none": b"no-such-word"})
         child.communicate(b"\n")
     assert of["own"].megabytes > 1.0

@@ -280,14 +280,14 @@ def test_what_came_long_ago_is_forgotten_though_nobody_is_ever_registered() -> N
     """Two people who stand still: nothing tells where the other one is."""
     estimator = sz.Estimator(["alice", "bob"], workers=0, reference="alice")
     random = np.random.default_rng(0)
-    for tick in range(1500):
-        t = 0.1 * tick
+    for tick in range(300):
+        t = 0.5 * tick
         for user in ("alice", "bob"):
             estimator.add_pose(user, t, [0.01 * np.sin(t), 0.01 * np.cos(3.0 * t), 0.0], [0.0, 0.0, 0.0, 1.0])
         estimator.add_range(t, "alice", "bob", 3.0 + 0.1 * random.standard_normal())
         estimator.advance(t)
     assert estimator.registration().users["bob"].state is sz.State.UNOBSERVABLE
-    assert len(estimator.registration().ranges.usable) < 1300
+    assert len(estimator.registration().ranges.usable) < 260
 
 
 def test_time_goes_on_though_no_range_has_come() -> None:

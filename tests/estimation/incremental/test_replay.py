@@ -194,9 +194,10 @@ def in_force(lines: list[Line], t: float) -> Line:
 @pytest.mark.parametrize("name", ["phone0", "phone1", "phone2"])
 def test_a_pose_is_written_where_its_user_was_registered_then_and_nowhere_else(played: Played, name: str) -> None:
     """The reference from its first pose on."""
-    first = played.lines[0]["t"]
+    lines = played.lines
+    first = lines[0]["t"]
     own = poses(played.recording / f"tracks/{name}.tum")[:, 0]
-    said = {t: in_force(played.lines, t)["users"][name] for t in own if t >= first}
+    said = {t: in_force(lines, t)["users"][name] for t in own if t >= first}
     registered = [t for t, user in said.items() if user["state"] == "registered" and user["x"] is not None]
     assert 0 < len(registered) < len(own)
     np.testing.assert_array_equal(poses(played.out / f"{name}.tum")[:, 0], own if name == "phone0" else registered)
@@ -204,9 +205,10 @@ def test_a_pose_is_written_where_its_user_was_registered_then_and_nowhere_else(p
 
 @pytest.mark.parametrize("name", ["phone0", "phone1", "phone2"])
 def test_a_pose_is_where_the_update_then_had_its_frame(played: Played, name: str) -> None:
+    lines = played.lines
     own = {row[0]: row[1:] for row in poses(played.recording / f"tracks/{name}.tum")}
     for t, *pose in poses(played.out / f"{name}.tum"):
-        user = in_force(played.lines, max(t, played.lines[0]["t"]))["users"][name]
+        user = in_force(lines, max(t, lines[0]["t"]))["users"][name]
         if user["x"] is None:  # the reference, before anything is solved: where its own SLAM has it
             np.testing.assert_allclose(pose, own[t], atol=1e-9)
             continue
