@@ -662,7 +662,8 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
   // The first keyframe that stays of a user has no step that leads to it.
   Marks its_counted = counted(keyframes);
   for (int u = 0; u < part.users; ++u) its_counted[part.first[u]] = false;
-  const auto of_part = WalkSolver(part).step_noise(here, its, loss, its_counted, tried, begin, weight, rounds);
+  const auto of_part =
+      WalkSolver(part).step_noise(here, its, loss, its_counted, tried, begin, weight, rounds);
   for (size_t b = 0; b < out.size(); ++b) {
     out[b].factors(users, all) = of_part[b].factors;
     out[b].evidence = of_part[b].evidence;

@@ -138,8 +138,9 @@ class WalkSolver {
                          const Column& height_curvature) const;
 
   // What the ranges say of the noise of SLAM's steps, in the system linearised at these states, were it about
-  // each of `tried` (b) times what it is; users' own factors are sought from `begin` times that on. Steps to the keyframes `counted` (m) have the factors, others stay
-  // as they are. Only the keyframes `kept` (m), a run of each user, and the ranges between them are in it.
+  // each of `tried` (b) times what it is; users' own factors are sought from `begin` times that on. Steps to
+  // the keyframes `counted` (m) have the factors, others stay as they are. Only the keyframes `kept` (m), a
+  // run of each user, and the ranges between them are in it.
   std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                     const Marks& kept, const Marks& counted, const Column& tried,
                                     double begin, double weight, int rounds) const;
@@ -182,8 +183,8 @@ class WalkSolver {
   double prior_cost(const WalkStates& states, const WalkNoise& noise) const;
   WalkStates moved(const WalkStates& states, const BorderedEnvelope::Sides& step, double length) const;
   std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
-                                    const Marks& counted, const Column& tried, double begin,
-                                    double weight, int rounds) const;
+                                    const Marks& counted, const Column& tried, double begin, double weight,
+                                    int rounds) const;
   // The decomposition with steps whose noise has `factors`, the Newton step, and the evidence of the factors.
   struct WithSteps {
     BorderedEnvelope matrix;
