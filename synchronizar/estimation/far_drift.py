@@ -53,8 +53,12 @@ def searched(
     repaired_tracks: dict[str, RepairedTrack],
     progress: Progress = unheard,
     begun: Sequence[tuple[Array, Array]] = (),
+    far: bool = True,
 ) -> Searched:
-    """What is found with usual drift, or with drift as far as the ranges make likely, by the evidence of both."""
+    """What is found with usual drift, or if `far` with drift as far as the ranges make likely, by the evidence of both.
+
+    In the 20 s that a search sees while people walk, wide drift also explains ranges between the wrong people.
+    """
     parameters = problem.parameters
     interval = coarse_interval(problem)
     found = search_and_grow(
@@ -62,14 +66,14 @@ def searched(
     )
     usual = Searched(with_noise_alone(with_measured_weights(found[0])), found, interval, None)
     seeming = max(nlos_share(found[0]), nlos_share(usual.best))
-    if seeming <= parameters.search.drifting_share or not _bends(usual, problem, repaired_tracks):
+    if not far or seeming <= parameters.search.drifting_share or not _bends(usual, problem, repaired_tracks):
         return usual
-    far = _searched_far(problem, repaired_tracks, begun)
+    wide = _searched_far(problem, repaired_tracks, begun)
     progress(1.0)
     noise = step_noise(usual.best.graph, usual.best.states, usual.best.em_weights).used
     before = _with_drift(usual.best, noise, problem, repaired_tracks)
-    noises = noise, far_noise(far.best, problem, repaired_tracks)
-    after = _with_drift(far.best, noises[1], problem, repaired_tracks)
+    noises = noise, far_noise(wide.best, problem, repaired_tracks)
+    after = _with_drift(wide.best, noises[1], problem, repaired_tracks)
     by_before, by_after = (
         [
             evidence_against(one, weighed.em_weights.range_weight, of_one)
@@ -79,7 +83,7 @@ def searched(
     )
     # Weights measured at either one favour it.
     gain, loss = by_after[0] - by_after[1], by_before[1] - by_before[0]
-    return far if gain > loss + parameters.search.drift_cost else usual
+    return wide if gain > loss + parameters.search.drift_cost else usual
 
 
 def far_noise(optimum: LocalOptimum, problem: Problem, repaired_tracks: dict[str, RepairedTrack]) -> Array:

@@ -142,13 +142,14 @@ def solve(
     repaired_tracks: dict[str, RepairedTrack],
     progress: Progress = unheard,
     begun: Sequence[tuple[Array, Array]] = (),
+    far: bool = True,
 ) -> Solved:
     """The local optima of a problem, solved without a start; the recording's tracks are `repaired_tracks`.
 
     `begun` are joint placements that were found before, to begin with besides: frames (k, 4) about the users' own
-    origins, and calibrations (k, 3).
+    origins, and calibrations (k, 3). `far`: SLAM may drift many times as far as usual (`far_drift`).
     """
-    search = searched(problem, repaired_tracks, stage(progress, 0.0, 0.7), begun)
+    search = searched(problem, repaired_tracks, stage(progress, 0.0, 0.7), begun, far)
     at = perf_counter()
     heights = [frames[:, 2] for frames, _ in begun]
     minima, noise = _refined(problem, repaired_tracks, search, heights)
