@@ -16,7 +16,7 @@ def evidence_against(optimum: LocalOptimum, range_weight: Array, noise: Array) -
 
     With keyframes at the same times and the same range weights (n,), optima can be compared whatever drift they allow:
     where it is wide, steps are improbable each for itself, and left free by what does not determine them. `noise`
-    (k, 2) are the factors of the keyframes, whose prior is that of `step_noise`.
+    (k, 2) are the factors of the keyframes: their binary logarithms have a Cauchy prior of scale 1 about 0.
     """
     graph, states = optimum.graph, optimum.states
     em_weights, cost = graph.e_step(states, replace(optimum.em_weights, range_weight=range_weight))

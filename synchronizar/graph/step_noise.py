@@ -51,7 +51,7 @@ class StepNoise(NamedTuple):
 def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepNoise:
     """What the ranges say at an optimum of the graph, whose steps have the noise of `parameters.slam`.
 
-    1 where there are none.
+    1 where there are none, or where they say nothing of it.
     """
     k, slam = len(graph.users), graph.parameters.slam
     used, told = np.ones((k, 2)), np.ones((k, 2))
@@ -61,6 +61,8 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepN
     tried = slam.drift_least * _STEP ** np.arange(np.log(_LARGEST / slam.drift_least) / np.log(_STEP) + 1.0)
     of_users, evidence, determined = _about(graph, states, em_weights, tried, 1.0, slam.drift_weight, _ROUNDS)
     likely = np.isfinite(determined)
+    if not (determined[likely] > 0.0).any():
+        return StepNoise(used, told)
     factors, evidence, determined = np.array(of_users)[likely], evidence[likely], determined[likely]
     weight = (tried / (1.0 + tried**2) ** 2)[likely] * np.exp(evidence - evidence.max())
     weight /= weight.sum()

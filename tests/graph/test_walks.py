@@ -297,6 +297,17 @@ def test_the_determinant_is_that_of_gtsams_matrix(kind: str, reference: int) -> 
     assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], rel=1e-3)
 
 
+def test_where_the_graph_cannot_be_solved_steps_have_their_usual_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = graph_of("walks")
+    states, em_weights = optimum_of(graph)
+    unknown = np.full(9, np.nan)
+    none = ([np.ones((len(graph.users), 2))] * 9, np.full(9, -np.inf), unknown)
+    monkeypatch.setattr(noise_module, "_about", lambda *_: none)
+    found = step_noise(graph, states, em_weights)
+    np.testing.assert_array_equal(found.used, 1.0)
+    np.testing.assert_array_equal(found.told, 1.0)
+
+
 def test_of_a_long_walk_the_middle_tells_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     graph = graph_of("walks")
     states, em_weights = optimum_of(graph)
