@@ -213,6 +213,13 @@ class SearchParameters:
     """With more than this share of NLOS ranges the search is repeated in parts of the walk."""
     drifting_share: float = 0.1
     """Where a larger share of ranges seems NLOS, SLAM that drifts many times as far is tried as well."""
+    drift_wide: float = 10.0
+    """Factor on everybody's drift then: beyond it Student's t reaches, and steps of good SLAM are measured anyway."""
+    drift_bent: float = 0.9
+    """It is not tried where this share of the ranges that seem NLOS still do once walks have bent so far: among late
+    ranges wide drift explains less than a tenth of them."""
+    drift_lost: float = 0.6
+    """Where a larger share of ranges seems NLOS, everything may be elsewhere, and bending walks says nothing."""
     drift_cost: float = 5.0
     """Log likelihood: so much more must speak for such SLAM than for NLOS ranges; one device in a hundred has it."""
     parts: int = 24
@@ -302,6 +309,10 @@ class IntegrityParameters:
     """With most ranges rejected, nobody is registered whose covariance residuals inflate by more than this."""
     residual_pieces: int = 12
     """Pieces of a recording over which residuals are summed (clustered scores): what stays for longer is no noise."""
+    severed_fewest: int = 6
+    """Ranges in a row that do not fit before a pair may be severed: fewer are an ordinary burst, ..."""
+    severed_honest: float = 10.0
+    """... of which so many do not fit for each one that does: a wrong distance is a right one now and then."""
     least_duration: float = 3.0
     """s after the first range before anybody is registered while people walk."""
     watched_share: float = 0.02

@@ -26,13 +26,8 @@ from synchronizar.preprocessing.keyframes import Keyframes
 from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.progress import Progress, stage, unheard
 
-WIDE = 10.0
-"""Factor on everybody's drift: beyond it Student's t reaches, and steps of good SLAM are measured all the same."""
-
 _ROUNDS = 6
 _BENT_ROUNDS = 3
-_BENT = 0.9  # of the ranges that seem NLOS: among late ranges wide drift explains less than a tenth of them
-_MOST = 0.6  # of the ranges
 
 
 class Searched(NamedTuple):
@@ -93,11 +88,11 @@ def far_noise(optimum: LocalOptimum, problem: Problem, repaired_tracks: dict[str
     graph = PoseGraph(problem, wide).with_sigma_of(optimum.graph).with_antennas_at(optimum.graph.assumed_clock)
     first = replace(graph.initial_em_weights(), range_weight=optimum.em_weights.range_weight)
     em_weights, _ = graph.e_step(states, first)
-    return far_step_noise(graph, states, em_weights, WIDE)
+    return far_step_noise(graph, states, em_weights, problem.parameters.search.drift_wide)
 
 
 def _wide_keyframes(problem: Problem, repaired_tracks: dict[str, RepairedTrack]) -> list[Keyframes]:
-    wide = np.full((len(problem.users), 2), WIDE)
+    wide = np.full((len(problem.users), 2), problem.parameters.search.drift_wide)
     return keyframes_of_all(problem, repaired_tracks, problem.parameters.slam.keyframe_interval, wide)
 
 
@@ -107,14 +102,14 @@ def _bends(usual: Searched, problem: Problem, repaired_tracks: dict[str, Repaire
     Where most do, everything may be elsewhere, and that says nothing.
     """
     before = usual.best
-    if nlos_share(before) > _MOST:
+    if nlos_share(before) > problem.parameters.search.drift_lost:
         return True
     keyframes = _wide_keyframes(problem, repaired_tracks)
     graph = PoseGraph(problem, keyframes).with_sigma_of(before.graph)
     states = interpolated(before.states, before.graph.keyframes, keyframes)
     first = graph.initial_em_weights()
     bent = graph.run_em(states, replace(first, range_weight=np.sqrt(first.range_weight)), _BENT_ROUNDS)
-    return nlos_share(bent) < _BENT * nlos_share(before)
+    return nlos_share(bent) < problem.parameters.search.drift_bent * nlos_share(before)
 
 
 def _searched_far(
@@ -123,7 +118,7 @@ def _searched_far(
     """What is found where drift is wide for everybody, and then as far as it is measured to be."""
     parameters = problem.parameters
     # SLAM that drifts so far is rigid for a shorter time.
-    search = {"first_stretch": parameters.search.first_stretch / WIDE}
+    search = {"first_stretch": parameters.search.first_stretch / parameters.search.drift_wide}
     sooner = replace(problem, parameters=parameters.changed(search=search))
     found = search_and_grow(sooner, _wide_keyframes(problem, repaired_tracks), begun=begun)
     best = _with_drift(found[0], far_noise(found[0], problem, repaired_tracks), problem, repaired_tracks)

@@ -194,7 +194,7 @@ def with_measured_weights(coarse: LocalOptimum) -> LocalOptimum:
         return clear
     reflected = _measured(coarse._replace(graph=coarse.graph.with_reflections(there=True)))
     weight = clear.em_weights.range_weight
-    return min(clear, reflected, key=lambda optimum: _evidence_against(optimum, weight))
+    return min(clear, reflected, key=lambda optimum: _normalised_cost(optimum, weight))
 
 
 def _measured(optimum: LocalOptimum) -> LocalOptimum:
@@ -203,7 +203,7 @@ def _measured(optimum: LocalOptimum) -> LocalOptimum:
     return optimum
 
 
-def _evidence_against(optimum: LocalOptimum, range_weight: Array) -> float:
+def _normalised_cost(optimum: LocalOptimum, range_weight: Array) -> float:
     """Negative log likelihood with these range weights (n,), up to a constant whatever the ranges' sigmas are."""
     graph = optimum.graph
     _, cost = graph.e_step(optimum.states, replace(optimum.em_weights, range_weight=range_weight))
@@ -256,8 +256,8 @@ def with_devices_trusted(optimum: LocalOptimum) -> LocalOptimum:
 def _more_credible(optimum: LocalOptimum, other: LocalOptimum) -> LocalOptimum:
     """Of two optima with measured weights the other one if it gains more by its own than it loses by the first's."""
     ours, others = optimum.em_weights.range_weight, other.em_weights.range_weight
-    gain = _evidence_against(optimum, others) - _evidence_against(other, others)
-    loss = _evidence_against(other, ours) - _evidence_against(optimum, ours)
+    gain = _normalised_cost(optimum, others) - _normalised_cost(other, others)
+    loss = _normalised_cost(other, ours) - _normalised_cost(optimum, ours)
     return other if gain > loss + BETTER else optimum
 
 

@@ -18,9 +18,6 @@ from synchronizar.arrays import Array
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pair_bounds
 
-_FEWEST = 6  # ranges in a row: fewer are an ordinary burst
-_HONEST = 10.0  # ranges that do not fit for each one that does: a wrong distance is a right one now and then
-
 
 class _Tie(NamedTuple):
     """Two users between whom there are ranges."""
@@ -39,7 +36,7 @@ def severed(
     parameters: Parameters,
 ) -> dict[int, str]:
     """The users on the other side of such a cut than those `held`, of whose places nobody doubts, and why."""
-    ties = _ties(measurements, inlier_probability)
+    ties = _ties(measurements, inlier_probability, parameters)
     side = np.arange(users)
     side[list(held)] = held[0]
     for tie in ties:
@@ -57,23 +54,24 @@ def severed(
     return out
 
 
-def _ties(measurements: RangeMeasurements, inlier_probability: Array) -> list[_Tie]:
+def _ties(measurements: RangeMeasurements, inlier_probability: Array, parameters: Parameters) -> list[_Tie]:
     bounds = pair_bounds(measurements)
     return [
         _Tie(
             int(measurements.i[begin]),
             int(measurements.j[begin]),
-            _blocked(measurements.t[begin:end], inlier_probability[begin:end]),
+            _blocked(measurements.t[begin:end], inlier_probability[begin:end], parameters),
         )
         for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
     ]
 
 
-def _blocked(t: Array, inlier_probability: Array) -> float:
+def _blocked(t: Array, inlier_probability: Array, parameters: Parameters) -> float:
     """s: how long a pair's ranges have not fitted at the end; where one does now and then, that counts against it."""
-    score = np.cumsum(np.where(inlier_probability[::-1] < 0.5, 1.0, -_HONEST))
-    score = score[: len(score) - np.count_nonzero(np.minimum.accumulate(score) < -_HONEST)]
-    if not len(score) or score.max() < _FEWEST:
+    honest = parameters.integrity.severed_honest
+    score = np.cumsum(np.where(inlier_probability[::-1] < 0.5, 1.0, -honest))
+    score = score[: len(score) - np.count_nonzero(np.minimum.accumulate(score) < -honest)]
+    if not len(score) or score.max() < parameters.integrity.severed_fewest:
         return 0.0
     begin = len(score) - 1 - int(np.argmax(score[::-1]))
     return float(t[-1] - t[len(t) - 1 - begin])
