@@ -45,7 +45,7 @@ from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_rel
 from synchronizar.progress import Progress, stage, unheard
 from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternion
 
-_HEIGHT_ROUNDS = 3  # in each of which one device may prove to be held otherwise
+_HEIGHT_ROUNDS = 6  # in each of which one device may prove to be held otherwise
 _ROUNDS = 4  # of expectation maximisation once priors are measured
 
 

@@ -31,6 +31,7 @@ _DRAWN_SIGMAS = (2.0, 4.0)  # of heights: from priors so many times as wide
 _DRAWN_STEPS, _DRAWN_GAIN = 8, 0.1
 _PINNED_STEPS = 3
 _SAME_HEIGHT = 0.1  # m
+_UNUSUAL = 2.0  # sigmas of usual heights
 _NOISIER = 2.0  # in range weights: less is no difference
 _TRUSTED_STEPS = 2
 _SEED = 20  # a fixed draw: the same ranges give the same answer
@@ -323,7 +324,9 @@ def otherwise_held(optimum: LocalOptimum) -> Iterator[LocalOptimum]:
     """Optima beside one with measured weights in which one device is held as usual and is not in that, or the reverse.
 
     Each device that is held as usual is put as much higher, and lower, as others are. Where ranges exclude that, all
-    else at its best, it is not looked at any further.
+    else at its best, it is not looked at any further. Where it lies higher or lower than usual already it may be held
+    otherwise just there: that it is half a metre lower excludes that it is a metre lower. All of whom that is so may be
+    held otherwise at once: while the others are held as usual, none of them gains by it.
     """
     begin = _with_slam_heights(optimum)
     graph, frames, em_weights = optimum.graph, optimum.states.anchor_poses, optimum.em_weights
@@ -332,18 +335,26 @@ def otherwise_held(optimum: LocalOptimum) -> Iterator[LocalOptimum]:
     if len(those) <= 2 and graph.reference in those:  # which of the two it is makes no difference
         those.remove(graph.reference)
     most = optimum.cost + graph.parameters.integrity.cost_excluded_nlos
+    far = np.abs(frames[:, 2] - level) > _UNUSUAL * graph.height_sigma
+    together = graph.held_as_usual & ~(far & np.isin(np.arange(len(far)), those))
+    if np.count_nonzero(graph.held_as_usual & ~together) > 1:
+        held = graph.with_held_as_usual(together)
+        height_weight, _ = held.height_weights(frames)
+        weights = replace(em_weights, height_weight=height_weight)
+        yield held.run_em(begin._replace(anchor_poses=frames), weights, _FIRST_ROUNDS)
     for u in those:
         usual = graph.held_as_usual.copy()
         usual[u] = not usual[u]
         held, sigma = graph.with_held_as_usual(usual), float(graph.other_height_sigma[u])
         known: list[LocalOptimum] = []
-        for above in (0.0,) if usual[u] else (sigma, -sigma):
+        here = (float(frames[u, 2]) - level,) if far[u] else ()
+        for above in (0.0,) if usual[u] else (*here, sigma, -sigma):
             there = frames.copy()
             there[u, 2] = level + above
             there[:, 2] -= there[graph.reference, 2]
             height_weight, _ = held.height_weights(there)
             weights, near = replace(em_weights, height_weight=height_weight), begin._replace(anchor_poses=there)
-            if above:
+            if abs(above) == sigma:
                 moved = [v for v in those if v != u] if u == graph.reference else [u]
                 pinned = held.with_pinned_heights(there[:, 2], moved)
                 near = pinned.optimised(near, frames, weights, 1.0, _PINNED_STEPS, _DRAWN_GAIN)

@@ -85,3 +85,15 @@ def test_a_heights_spread_is_that_of_the_quartic_through_its_costs(cost: Callabl
     found = _sigma_of_quartic(0.5, 0.6, cost(0.6), cost(-0.6))
     square = quad(lambda x: x**2 * np.exp(-cost(x)), -2.4, 2.4)[0] / quad(lambda x: np.exp(-cost(x)), -2.4, 2.4)[0]
     assert found == pytest.approx(np.sqrt(square), rel=0.01)
+
+
+@pytest.mark.parametrize("seed", [3, 12])
+def test_of_six_whose_devices_are_all_held_otherwise_each_is_registered_at_its_height(seed: int) -> None:
+    """While the others were taken to be held as usual, whoever was a little beside them was contradicted."""
+    simulation = simulate(Scene(users=6, seconds=12.0, height_spread=0.8, seed=seed))
+    registration = register(simulation.recording)
+    to_common = simulation.world_from_user[registration.reference].inverse()
+    for name, user in registration.users.items():
+        assert user.state is State.REGISTERED
+        assert user.common_from_user is not None
+        assert abs(user.common_from_user.z - (to_common @ simulation.world_from_user[name]).z) < 0.15
