@@ -15,7 +15,7 @@ from synchronizar.estimation.slips import relaid
 from synchronizar.geometry import difference
 from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph
 from synchronizar.graph.rigid_graph import RigidGraph
-from synchronizar.graph.states import States, interpolated
+from synchronizar.graph.states import SCALE, States, interpolated
 from synchronizar.progress import Progress, unheard
 
 _ANNEALING = (4.0, 2.0)
@@ -326,7 +326,8 @@ def otherwise_held(optimum: LocalOptimum) -> Iterator[LocalOptimum]:
     Each device that is held as usual is put as much higher, and lower, as others are. Where ranges exclude that, all
     else at its best, it is not looked at any further. Where it lies higher or lower than usual already it may be held
     otherwise just there: that it is half a metre lower excludes that it is a metre lower. All of whom that is so may be
-    held otherwise at once: while the others are held as usual, none of them gains by it.
+    held otherwise at once: while the others are held as usual, none of them gains by it. Where it lies is asked of its
+    walk's end, since what its height explains may have passed for a slip of its SLAM.
     """
     begin = _with_slam_heights(optimum)
     graph, frames, em_weights = optimum.graph, optimum.states.anchor_poses, optimum.em_weights
@@ -335,19 +336,27 @@ def otherwise_held(optimum: LocalOptimum) -> Iterator[LocalOptimum]:
     if len(those) <= 2 and graph.reference in those:  # which of the two it is makes no difference
         those.remove(graph.reference)
     most = optimum.cost + graph.parameters.integrity.cost_excluded_nlos
-    far = np.abs(frames[:, 2] - level) > _UNUSUAL * graph.height_sigma
-    together = graph.held_as_usual & ~(far & np.isin(np.arange(len(far)), those))
-    if np.count_nonzero(graph.held_as_usual & ~together) > 1:
-        held = graph.with_held_as_usual(together)
-        height_weight, _ = held.height_weights(frames)
+    at_last = frames[:, 2] + np.exp(optimum.states.calibration[:, SCALE]) * np.array(
+        [
+            own[-1, 2] - of_slam[-1, 2]
+            for own, of_slam in zip(optimum.states.keyframe_poses, begin.keyframe_poses, strict=True)
+        ]
+    )
+    far = np.abs(at_last - level) > _UNUSUAL * graph.height_sigma
+    others = graph.held_as_usual & far & np.isin(np.arange(len(far)), those)
+    if np.count_nonzero(others) > 1:
+        held, there = graph.with_held_as_usual(graph.held_as_usual & ~others), frames.copy()
+        there[others, 2] = at_last[others]
+        there[:, 2] -= there[graph.reference, 2]
+        height_weight, _ = held.height_weights(there)
         weights = replace(em_weights, height_weight=height_weight)
-        yield held.run_em(begin._replace(anchor_poses=frames), weights, _FIRST_ROUNDS)
+        yield held.run_em(begin._replace(anchor_poses=there), weights, _FIRST_ROUNDS)
     for u in those:
         usual = graph.held_as_usual.copy()
         usual[u] = not usual[u]
         held, sigma = graph.with_held_as_usual(usual), float(graph.other_height_sigma[u])
         known: list[LocalOptimum] = []
-        here = (float(frames[u, 2]) - level,) if far[u] else ()
+        here = (float(at_last[u]) - level,) if far[u] else ()
         for above in (0.0,) if usual[u] else (*here, sigma, -sigma):
             there = frames.copy()
             there[u, 2] = level + above
