@@ -97,10 +97,14 @@ def verdicts(
             for name, own, of in zip(_NAMES, np.diag(best.covariances[u]), prior, strict=True)
             if own > 0.5 * of and not (name == "yaw" and graph.users[u].static)
         )
-        wrong_share = parameters.integrity.wrong_share_kept if u in registered else parameters.integrity.wrong_share
-        if higher[u] > wrong_share:
+        m = parameters.integrity
+        limits = (m.wrong_share_kept,) * 2 if u in registered else (m.wrong_share, m.wrong_height_share)
+        if higher[u] > limits[1]:
             apart[u] = max(apart[u], above[u])
-        state, reason, direction = _state(best, u, graph.users[u].static, extent[u], wrong_share, parameters)
+            higher[u] = 0.0
+        state, reason, direction = _state(
+            best, u, graph.users[u].static, extent[u], limits, float(higher[u]), parameters
+        )
         if rejected[u] > (0.5 if u in systematic else parameters.integrity.largest_rejected):
             reason = f"{rejected[u]:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
             state = State.UNOBSERVABLE
@@ -126,22 +130,30 @@ def nearness_of(covariances: Array, yaw: float, static: bool, extent: Array, par
     """(m,) the same of a user at `yaw` (rad), were these its covariances (m, 4, 4)."""
     m, normal = parameters.integrity, NormalDist()
     in_plane = m.largest_error / np.sqrt(-2.0 * np.log(m.wrong_share))
-    in_line = normal.inv_cdf(1.0 - 0.5 * m.wrong_share)
+    in_height, in_line = (normal.inv_cdf(1.0 - 0.5 * share) for share in (m.wrong_height_share, m.wrong_share))
     plane, _ = _axes(covariances, np.full(len(covariances), yaw), extent)
     height, heading = np.sqrt(np.maximum(covariances[:, [2, 3], [2, 3]], 0.0)).T
-    ratios = [in_plane / np.maximum(plane, _LEAST), m.largest_error / in_line / np.maximum(height, _LEAST)]
+    ratios = [in_plane / np.maximum(plane, _LEAST), m.largest_error / in_height / np.maximum(height, _LEAST)]
     if not static:
         ratios.append(m.largest_yaw_error / in_line / np.maximum(heading, _LEAST))
     return np.asarray(np.min(ratios, axis=0))
 
 
 def _state(
-    best: Hypothesis, user: int, static: bool, extent: Array, wrong_share: float, parameters: Parameters
+    best: Hypothesis,
+    user: int,
+    static: bool,
+    extent: Array,
+    limits: tuple[float, float],
+    higher: float,
+    parameters: Parameters,
 ) -> tuple[State, str, Array | None]:
     """State, reason and least observable direction (4,) of a user.
 
-    Registered where errors beyond the limits, in position anywhere on the user's track or in yaw, are improbable.
+    Registered where errors beyond the limits, in position anywhere on the user's track or in yaw, are improbable:
+    `limits` in the plane or yaw, and in height, where it has the probability `higher` by other hypotheses.
     """
+    wrong_share, wrong_height_share = limits
     in_plane, in_height, in_heading = _wrong_probabilities(best, user, extent, parameters)
     covariance, yaw = best.covariances[user], best.frames[user, 3]
     plane = _sigma_in_plane(covariance, yaw, extent)
@@ -155,7 +167,7 @@ def _state(
         where = np.degrees(np.arctan2(error[1], error[0])) % 180.0
         reason = f"its place along {where:.0f} deg is known to {plane:.2f} m only (1 sigma)"
         return State.UNOBSERVABLE, reason, error
-    if in_height > wrong_share:
+    if in_height + higher > wrong_height_share:
         direction = covariance[2] / np.linalg.norm(covariance[2])
         return State.UNOBSERVABLE, f"its height is known to {height:.2f} m only (1 sigma)", direction
     return State.REGISTERED, f"its place is known to {max(plane, height):.2f} m (1 sigma)", None

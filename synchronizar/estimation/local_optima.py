@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Mask
 from synchronizar.estimation.initialisation import Candidate, extend, placements_in_parts, without_an_entry
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
@@ -58,7 +58,10 @@ def find_optima(graph: PoseGraph, starts: list[States], progress: Progress = unh
             _add_optimum(graph, states, found, (search.annealing,))
         for start in placements_in_parts(graph.rigid_problem(starts[0])):
             _add_optimum(graph, graph.initial_states(start.frames), found, ())
-    if graph.problem.surveyed.any() and nlos_share(min(found, key=by_cost)) > search.doubtful_share:
+    nearest = min(found, key=by_cost)
+    if graph.problem.surveyed.any() and (
+        nlos_share(nearest) > search.doubtful_share or not np.array_equal(_held(nearest), graph.problem.surveyed)
+    ):
         for candidate in without_an_entry(graph.rigid_problem(starts[0]).widened(0.0 if rigid else search.sigma)):
             _add_optimum(graph, graph.initial_states(candidate.frames), found, () if rigid else _ANNEALING)
     best = min(found, key=by_cost)
@@ -110,6 +113,15 @@ def nlos_share(optimum: LocalOptimum) -> float:
     return float((inlier_probability < 0.5).mean()) if len(inlier_probability) else 0.0
 
 
+def _held(optimum: LocalOptimum) -> Mask:
+    """(k,) surveyed radios whose entries the ranges do not contradict."""
+    graph = optimum.graph
+    off = np.linalg.norm(optimum.states.anchor_poses[:, :3] - graph.problem.survey, axis=1)
+    limits = graph.parameters.integrity
+    least = np.maximum(limits.survey_contradicted, limits.height_contradicted * graph.survey_sigma)
+    return graph.problem.surveyed & (off < least)
+
+
 def _with_search_weights(em_weights: EmWeights) -> EmWeights:
     """EM weights with the square root of the range weights: between those of independent and of correlated ranges.
 
@@ -139,7 +151,7 @@ def _mirror_images(optimum: LocalOptimum, found: list[LocalOptimum]) -> Iterator
     heights = rigid.other_heights(
         states.anchor_poses, nlos_odds, parameters.integrity.cost_excluded_nlos / range_weight
     )
-    heights += height_mirrors(flat, states.anchor_poses, graph.reference, graph.problem.surveyed)
+    heights += height_mirrors(flat, states.anchor_poses, graph.reference, _held(optimum))
     near, free = parameters.search.mirror_sigmas * sigma[graph.free], graph.free
     known = np.array([s.states.anchor_poses[free, 2] for s in (optimum, *found)])
     apart = [f for f in heights if (np.abs(f[free, 2] - known) > near).any(axis=1).all()]
