@@ -13,9 +13,9 @@ from synchronizar.estimation.initialisation import Candidate, extend, placements
 from synchronizar.estimation.mirror_images import height_mirrors, reflections
 from synchronizar.estimation.slips import relaid
 from synchronizar.geometry import difference
-from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph
+from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph, calibration_sigmas
 from synchronizar.graph.rigid_graph import RigidGraph
-from synchronizar.graph.states import SCALE, States, interpolated
+from synchronizar.graph.states import BIAS, SCALE, States, interpolated
 from synchronizar.progress import Progress, unheard
 
 _ANNEALING = (4.0, 2.0)
@@ -114,12 +114,14 @@ def nlos_share(optimum: LocalOptimum) -> float:
 
 
 def _held(optimum: LocalOptimum) -> Mask:
-    """(k,) surveyed radios whose entries the ranges do not contradict."""
+    """(k,) surveyed radios whose entries the ranges do not contradict: neither by places nor by biases in their stead."""
     graph = optimum.graph
     off = np.linalg.norm(optimum.states.anchor_poses[:, :3] - graph.problem.survey, axis=1)
     limits = graph.parameters.integrity
     least = np.maximum(limits.survey_contradicted, limits.height_contradicted * graph.survey_sigma)
-    return graph.problem.surveyed & (off < least)
+    own, common = calibration_sigmas(graph.parameters)
+    bias = np.abs(optimum.states.calibration[:, BIAS]) / np.hypot(own, common)[BIAS]
+    return graph.problem.surveyed & (off < least) & (bias < limits.height_contradicted)
 
 
 def _with_search_weights(em_weights: EmWeights) -> EmWeights:

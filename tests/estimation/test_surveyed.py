@@ -31,7 +31,8 @@ from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import STATIC_KEYFRAME, keyframes_of
 from synchronizar.preprocessing.relocalizations import repair_relocalizations
 from synchronizar.reporting.evaluate import evaluate_folder
-from synchronizar.simulation.simulate import Scene
+from synchronizar.simulation.scene import Scene
+from synchronizar.simulation.simulate import simulate
 
 MODEL = Parameters()
 WALK = Scene(users=2, seconds=15.0, seed=3)
@@ -358,3 +359,28 @@ def test_when_the_first_surveyed_radio_comes_the_common_frame_becomes_the_survey
     again = sz.Estimator.load(tmp_path / "state", workers=0).registration()
     assert again.reference == "survey"
     assert list(again.users) == ["phone", "A", "B", "C"]
+
+
+@pytest.mark.parametrize(
+    ("radio", "off", "scene"),
+    [
+        ("radio4", (-0.2, 1.3, 0.0), Scene(users=2, static_radios=5, seconds=12.0, seed=1005007)),
+        ("radio0", (1.2, -0.6, 0.0), Scene(users=2, static_radios=5, seconds=20.0, seed=1005023)),
+    ],
+)
+def test_a_wrong_entry_alone_is_told_and_all_others_are_registered(
+    radio: str, off: tuple[float, float, float], scene: Scene
+) -> None:
+    """One left both phones 2.8 m off, mirrored in the radios' level; the other passed for a bias of 1.1 m."""
+    simulation = simulate(scene)
+    told = []
+    for user in simulation.recording.users:
+        place = simulation.truth[user.name].position[0] + np.where(user.name == radio, off, 0.0)
+        told.append(replace(user, position=tuple(place.tolist())) if user.static else user)
+    found = sz.register(replace(simulation.recording, users=tuple(told)))
+    assert {name for name, user in found.users.items() if user.state is not State.REGISTERED} == {radio}
+    for name, user in found.users.items():
+        assert user.common_from_user is not None
+        np.testing.assert_allclose(
+            user.common_from_user.translation, simulation.world_from_user[name].translation, atol=0.3
+        )
