@@ -114,14 +114,14 @@ def nlos_share(optimum: LocalOptimum) -> float:
 
 
 def _held(optimum: LocalOptimum) -> Mask:
-    """(k,) surveyed radios whose entries the ranges do not contradict: neither by places nor by biases in their stead."""
+    """(k,) surveyed radios whose entries the ranges do not contradict, neither by places nor by biases instead."""
     graph = optimum.graph
     off = np.linalg.norm(optimum.states.anchor_poses[:, :3] - graph.problem.survey, axis=1)
     limits = graph.parameters.integrity
     least = np.maximum(limits.survey_contradicted, limits.height_contradicted * graph.survey_sigma)
     own, common = calibration_sigmas(graph.parameters)
     bias = np.abs(optimum.states.calibration[:, BIAS]) / np.hypot(own, common)[BIAS]
-    return graph.problem.surveyed & (off < least) & (bias < limits.height_contradicted)
+    return np.asarray(graph.problem.surveyed & (off < least) & (bias < limits.height_contradicted))
 
 
 def _with_search_weights(em_weights: EmWeights) -> EmWeights:
