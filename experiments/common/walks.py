@@ -16,7 +16,7 @@ from synchronizar.geometry import difference
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.range_measurements import RangeMeasurements, range_measurements
+from synchronizar.preprocessing.range_measurements import range_measurements
 from synchronizar.simulation.simulate import Simulation
 
 Task = TypeVar("Task")
@@ -39,26 +39,34 @@ class Oracle(NamedTuple):
     """(k, 4) 1 sigma by the Cramer-Rao bound (with the priors, so that of van Trees), at the truth."""
 
 
-def oracle(simulation: Simulation, reference: str, model: Parameters) -> Oracle:
-    """Gaussian maximum likelihood from the truth's start on the ranges that are not late."""
+def line_of_sight(simulation: Simulation, reference: str, model: Parameters) -> RigidGraph:
+    """The graph of rigid walks on the ranges that are not late, all of which are taken for honest."""
     recording, k = simulation.recording, len(simulation.recording.users)
     samples = range_measurements(recording, model)
     samples = samples[np.flatnonzero(~simulation.late[samples.row]).astype(np.int32)]
     samples = replace(samples, nlos_odds=np.zeros(len(samples)))
     squared = model.changed(ranges={"nlos_share": 0.0, "short_share": 0.0})
+    problem = Problem(recording, samples, list(range(k)), recording.index(reference), squared)
+    return RigidGraph(problem, np.zeros((k, 3)))
+
+
+def most_likely(graph: RigidGraph, start: Array) -> Array:
+    """(k, 4): the frames of maximum likelihood next to a start (k, 4)."""
+    weights = graph.initial_em_weights()
+    states = graph.initial_states(start)
+    return graph.optimised(states, start, weights, annealing=1.0, iterations=200, gain=1e-9).anchor_poses
+
+
+def oracle(simulation: Simulation, reference: str, model: Parameters) -> Oracle:
+    """Gaussian maximum likelihood from the truth's start on the ranges that are not late."""
+    rigid = line_of_sight(simulation, reference, model)
     truth = true_frames(simulation, reference)
-
-    def graph_of(measured: RangeMeasurements) -> RigidGraph:
-        problem = Problem(recording, measured, list(range(k)), recording.index(reference), squared)
-        return RigidGraph(problem, np.zeros((k, 3)))
-
-    rigid = graph_of(samples)
-    start, weights = rigid.initial_states(truth), rigid.initial_em_weights()
-    found = rigid.optimised(start, truth, weights, annealing=1.0, iterations=200, gain=1e-9)
+    samples, problem = rigid.measurements, rigid.problem
     # The information that the ranges have by themselves: that of ranges without noise, at the truth.
-    ideal = graph_of(replace(samples, distance=samples.distance + rigid.residuals(start)))
+    distance = samples.distance + rigid.residuals(rigid.initial_states(truth))
+    ideal = RigidGraph(problem.with_measurements(replace(samples, distance=distance)), np.zeros((len(truth), 3)))
     variances = np.diagonal(ideal.covariances(truth, samples.nlos_odds), axis1=1, axis2=2)
-    return Oracle(difference(found.anchor_poses, truth), np.sqrt(variances))
+    return Oracle(difference(most_likely(rigid, truth), truth), np.sqrt(variances))
 
 
 class Beside(NamedTuple):

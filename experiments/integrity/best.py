@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from statistics import NormalDist
+
 import numpy as np
 
 from experiments.common import full_oracle, walks
@@ -9,7 +11,8 @@ from experiments.integrity.trial import Trial
 from synchronizar.arrays import Array
 from synchronizar.data.survey import SURVEY
 from synchronizar.data.track import Track
-from synchronizar.geometry import YawFrame
+from synchronizar.estimation.mirror_images import reflections
+from synchronizar.geometry import YawFrame, apply_frames
 from synchronizar.parameters import Parameters
 from synchronizar.quaternions import yaw_of_quaternions
 from synchronizar.simulation.simulate import Simulation
@@ -37,6 +40,37 @@ def well_placed(trial: Trial, reference: str) -> dict[str, bool]:
         return {}
     off = np.hypot(errors[:, 0], errors[:, 1])
     return {name: bool(near) for name, near in zip(others, off < PLACED_M, strict=True)}
+
+
+def told_apart(trial: Trial, reference: str) -> dict[str, bool]:
+    """Whether maximum likelihood, which knows what is wrong, knows of one placement of each device, and its heading.
+
+    From the truth it sees neither that a mirror image in somebody's straight walk explains the ranges as well, nor that
+    nothing tells the heading of who stands still. Nobody where devices are wrong: drift bends lines.
+    """
+    best = trial.best
+    if best is None or reference == SURVEY or not _devices_are_right(best):
+        return {}
+    graph = walks.line_of_sight(best, reference, Parameters())
+    here = walks.most_likely(graph, walks.true_frames(best, reference))
+    odds = graph.measurements.nlos_odds
+    cost, limits = graph.cost(here, odds), graph.parameters.integrity
+    in_line = NormalDist().inv_cdf(1.0 - 0.5 * limits.wrong_share)
+    sure = np.sqrt(graph.covariances(here, odds)[:, 3, 3]) < limits.largest_yaw_error / in_line
+    for image in reflections(graph.measurements, here, graph.reference):
+        there = walks.most_likely(graph, image)
+        if graph.cost(there, odds) < cost + limits.cost_excluded:
+            sure &= ~(_apart(best, here, there) > limits.largest_error)
+    return {name: bool(sure[best.recording.index(name)]) for name in trial.moving if name != reference}
+
+
+def _apart(simulation: Simulation, here: Array, there: Array) -> Array:
+    """(k,) m in the plane between the last places of devices by two sets of frames (k, 4)."""
+    tracks = simulation.recording.tracks
+    last = [tracks[u.name].position[-1:] if u.name in tracks else np.zeros((1, 3)) for u in simulation.recording.users]
+    own = np.array(last)
+    off = apply_frames(here[:, None], own) - apply_frames(there[:, None], own)
+    return np.asarray(np.hypot(off[:, 0, 0], off[:, 0, 1]))
 
 
 def _devices_are_right(best: Simulation) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.integrity.best import well_placed
+from experiments.integrity.best import told_apart, well_placed
 from experiments.integrity.families import Drawn, drawn
 from experiments.integrity.scoring import Episode, Off, Told, episodes, off_by, row_at
 from experiments.integrity.trial import Trial, TrueWalk
@@ -37,6 +37,8 @@ class Verdict(NamedTuple):
     """While people walked, at last."""
     well: bool | None
     """Whether maximum likelihood places it; None where that is not asked."""
+    alone: bool = True
+    """Whether it knows of no other placement, and of the heading, as far as that is asked."""
 
 
 class Judged(NamedTuple):
@@ -76,11 +78,13 @@ def judged(scene: Drawn) -> tuple[list[Verdict], list[Episode]]:
     truth, recording = trial.truth(), trial.recording
     registration = register(recording)
     reference = str(registration.reference)
-    well = well_placed(trial, reference)
+    well, alone = well_placed(trial, reference), told_apart(trial, reference)
     played = replay(recording)
     live, whose = played.updates[-1].users, str(played.registration.reference)
     verdicts = [
-        Verdict(name, user.state, _off(truth, registration, name), live[name].state, well.get(name))
+        Verdict(
+            name, user.state, _off(truth, registration, name), live[name].state, well.get(name), alone.get(name, True)
+        )
         for name, user in registration.users.items()
         if name != reference
     ]
@@ -143,8 +147,8 @@ def judged_of(line: str) -> Judged:
     """The same scene again."""
     fields: dict[str, Any] = json.loads(line)
     verdicts = [
-        Verdict(user, State(state), None if off is None else Off(*off), State(live), well)
-        for user, state, off, live, well in fields.pop("verdicts")
+        Verdict(user, State(state), None if off is None else Off(*off), State(live), *well)
+        for user, state, off, live, *well in fields.pop("verdicts")
     ]
     found = [Episode(user, begin, end, Off(*off), off_s) for user, begin, end, off, off_s in fields.pop("episodes")]
     kinds = tuple(fields.pop("kinds"))

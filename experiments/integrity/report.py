@@ -68,7 +68,15 @@ class Group(NamedTuple):
     @property
     def said(self) -> dict[str, Share]:
         """Of those whom maximum likelihood places, how many are registered, at last where people walk."""
-        well = [v for s in self.scenes for v in s.verdicts if v.well]
+        return self._said(alone=False)
+
+    @property
+    def said_alone(self) -> dict[str, Share]:
+        """The same of those of whom it knows no other placement."""
+        return self._said(alone=True)
+
+    def _said(self, alone: bool) -> dict[str, Share]:
+        well = [v for s in self.scenes for v in s.verdicts if v.well and (v.alone or not alone)]
         return {
             AT_ONCE: Share(sum(v.state is State.REGISTERED for v in well), len(well)),
             LIVE: Share(sum(v.live is State.REGISTERED for v in well), len(well)),
@@ -89,7 +97,7 @@ def groups_of(scenes: Sequence[Judged]) -> list[Group]:
 
 def row_of(group: Group) -> dict[str, Any]:
     """A line of the table; bounds are upper ends of one-sided 95 % intervals (Clopper and Pearson 1934)."""
-    wrong, scenes, said = group.wrong, group.scenes_wrong, group.said
+    wrong, scenes, said, alone = group.wrong, group.scenes_wrong, group.said, group.said_alone
     row: dict[str, Any] = {"family": group.name, "scenes": len(group.scenes)}
     for way in (AT_ONCE, LIVE):
         row[f"{way}: registered"] = wrong[way].n
@@ -101,6 +109,9 @@ def row_of(group: Group) -> dict[str, Any]:
     row["placed by ML"] = said[AT_ONCE].n
     for way in (AT_ONCE, LIVE):
         row[f"{way}: of these registered"] = said[way].value
+    row["without other placements"] = alone[AT_ONCE].n
+    for way in (AT_ONCE, LIVE):
+        row[f"{way}: of them registered"] = alone[way].value
     row["crashed"] = sum(bool(s.crashed) for s in group.scenes)
     row["CPU s a scene"] = sum(s.cpu for s in group.scenes) / len(group.scenes)
     return row

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("scipy", reason="bounds of shares need scipy")
 
 from experiments.integrity import running
-from experiments.integrity.best import well_placed
+from experiments.integrity.best import told_apart, well_placed
 from experiments.integrity.families import ABREAST, BASES, FAMILIES, KINDS, MIXTURE, drawn, tasks
 from experiments.integrity.judging import Judged, Task, Verdict, judge, judged_of, line_of
 from experiments.integrity.report import ALL, AT_ONCE, LIVE, groups_of, written, wrong_ones
@@ -161,6 +161,11 @@ def test_every_family_has_its_turn_and_the_judge_sees_no_seed_of_the_builders() 
     assert min(seed for _, seed in judges) == BASES["judge"]
 
 
+def test_maximum_likelihood_itself_cannot_tell_mirror_images_of_straight_walks_apart() -> None:
+    assert all(told_apart(drawn("clean", 2).trial, "phone0").values())
+    assert not any(told_apart(drawn("lines", 0).trial, "phone0").values())
+
+
 def test_maximum_likelihood_places_those_who_walk_about() -> None:
     assert all(well_placed(drawn("clean", 2).trial, "phone0").values())
     surveyed = drawn("surveyed", 0).trial
@@ -175,7 +180,7 @@ def made_up(task: Task, version: str = "") -> Judged:
     verdicts = [
         Verdict("bob", State.REGISTERED, FAR if seed % 2 else RIGHT, State.UNOBSERVABLE, True),
         Verdict("carol", State.DISCONNECTED, None, State.REGISTERED, None),
-        Verdict("dave", State.UNOBSERVABLE, FAR, State.REGISTERED, True),
+        Verdict("dave", State.UNOBSERVABLE, FAR, State.REGISTERED, True, alone=False),
     ]
     found = [Episode("bob", 1.0, 4.0, TURNED, 1.5), Episode("dave", 2.0, 4.0, RIGHT, 0.0)]
     return Judged(family, seed, (family,), version, 2.0, verdicts, found)
@@ -225,6 +230,7 @@ def test_what_is_counted(tmp_path: Path) -> None:
     assert everything.scenes_wrong == {AT_ONCE: (2, 4), LIVE: (4, 4)}
     assert everything.wrong_for_long == (4, 8)
     assert everything.said == {AT_ONCE: (4, 8), LIVE: (4, 8)}
+    assert everything.said_alone == {AT_ONCE: (4, 4), LIVE: (0, 4)}
     assert clean.wrong[AT_ONCE] == (1, 3)
     wrong = wrong_ones(scenes)
     assert [(w["family"], w["seed"], w["how"]) for w in wrong[:2]] == [("clean", 1, AT_ONCE), ("pocket", 3, AT_ONCE)]
