@@ -46,6 +46,7 @@ from synchronizar.progress import Progress, stage, unheard
 from synchronizar.quaternions import multiply_quaternions, yaw_of_quaternions, yaw_quaternion
 
 _HEIGHT_ROUNDS = 6  # in each of which one device may prove to be held otherwise
+_OTHER_UNIT = 2.0  # in scale
 _ROUNDS = 4  # of expectation maximisation once priors are measured
 
 
@@ -170,7 +171,8 @@ def _refined(
     """
     found, interval, finest = search.found, search.interval, problem.parameters.slam.keyframe_interval
     first = found[0]
-    begun_with = first.graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval, search.far))
+    unit = _units(first)
+    begun_with = first.graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval, search.far, unit))
     best = with_noise_alone(with_measured_weights(first._replace(graph=begun_with)))
     if search.far is None:
         best = with_devices_trusted(best)
@@ -182,8 +184,8 @@ def _refined(
     else:
         far = far_noise(best, problem, repaired_tracks)
         noise = StepNoise(far, far)
-    coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used)
-    fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used)
+    coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used, unit)
+    fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used, unit)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
     best = best._replace(graph=best.graph.with_keyframes(coarse))
     best, others = _likeliest_held(best)
@@ -199,10 +201,20 @@ def _refined(
     found, others = [best, *found[1:]], [s for s in others if s.cost < most]
     graph = PoseGraph(problem, fine).with_calibration_priors(priors).with_held_as_usual(best.graph.held_as_usual)
     best, *others = compare(found, refine(best, graph), others)
-    told = keyframes_of_all(problem, repaired_tracks, interval, noise.told)
+    told = keyframes_of_all(problem, repaired_tracks, interval, noise.told, unit)
     minima = [s._replace(graph=s.graph.with_keyframes(told)) for s in others]
-    told = keyframes_of_all(problem, repaired_tracks, finest, noise.told)
+    told = keyframes_of_all(problem, repaired_tracks, finest, noise.told, unit)
     return [best._replace(graph=best.graph.with_keyframes(told)), *minima], noise.told
+
+
+def _units(optimum: LocalOptimum) -> Array:
+    """(k,) m: the units of tracks that are not in metres, 1 of the others.
+
+    SLAM drifts by the way walked, in metres: in centimetres ten times as far in heading. Within a factor of two the
+    figures are no better known.
+    """
+    log_scale = optimum.states.calibration[:, SCALE]
+    return np.where(np.abs(log_scale) > np.log(_OTHER_UNIT), np.exp(log_scale), 1.0)
 
 
 def _likeliest_held(best: LocalOptimum) -> tuple[LocalOptimum, list[LocalOptimum]]:

@@ -37,15 +37,23 @@ def coarse_interval(problem: Problem) -> float:
 
 
 def keyframes_of_all(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], interval: float, noise: Array | None = None
+    problem: Problem,
+    repaired_tracks: dict[str, RepairedTrack],
+    interval: float,
+    noise: Array | None = None,
+    unit: Array | None = None,
 ) -> list[Keyframes]:
-    """Keyframes of all k users, `interval` s apart; `noise` (k, 2) are factors on the drift of `parameters.slam`."""
-    factors = np.ones((len(problem.users), 2)) if noise is None else noise
+    """Keyframes of all k users, `interval` s apart.
+
+    `noise` (k, 2) are factors on the drift of `parameters.slam`, `unit` (k,) m the tracks' units of length.
+    """
+    k = len(problem.users)
+    factors, units = np.ones((k, 2)) if noise is None else noise, np.ones(k) if unit is None else unit
     return [
         STATIC_KEYFRAME
         if user.static
-        else keyframes_of(repaired_tracks[user.name], interval, problem.parameters, (place, heading))
-        for user, (place, heading) in zip(problem.users, factors.tolist(), strict=True)
+        else keyframes_of(repaired_tracks[user.name], interval, problem.parameters, (place, heading), metres)
+        for user, (place, heading), metres in zip(problem.users, factors.tolist(), units.tolist(), strict=True)
     ]
 
 

@@ -60,12 +60,17 @@ STATIC_KEYFRAME = standing_at(np.zeros(3))
 
 
 def keyframes_of(
-    repaired: RepairedTrack, interval: float, parameters: Parameters, noise: tuple[float, float] = (1.0, 1.0)
+    repaired: RepairedTrack,
+    interval: float,
+    parameters: Parameters,
+    noise: tuple[float, float] = (1.0, 1.0),
+    unit: float = 1.0,
 ) -> Keyframes:
     """The keyframes of a track: at multiples of `interval` s, at both ends, and on both sides of each jump and gap.
 
     `noise` are factors on the drift of `parameters.slam`, in position and in heading. The variance of a step is
-    drift_m_per_sqrt_s^2 dt + drift_m_per_sqrt_m^2 distance; that of its yaw has the same form.
+    drift_m_per_sqrt_s^2 dt + drift_m_per_sqrt_m^2 distance; that of its yaw has the same form. `unit` (m) is the
+    track's unit of length.
     """
     track, segment = repaired.track, repaired.segment
     broken = (np.diff(segment) != 0) | (np.diff(track.t) > parameters.slam.longest_pose_gap)
@@ -76,7 +81,7 @@ def keyframes_of(
     due = np.concatenate([of_piece for _, of_piece in pieces])
 
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(track.position, axis=0), axis=1))])
-    dt, distance = np.diff(track.t[at]), np.diff(travelled[at])
+    dt, distance = np.diff(track.t[at]), unit * np.diff(travelled[at])
     jumped = np.diff(segment[at]) != 0
     metres = noise[0] * np.sqrt(
         parameters.slam.drift_m_per_sqrt_s**2 * dt + parameters.slam.drift_m_per_sqrt_m**2 * distance
@@ -89,7 +94,7 @@ def keyframes_of(
     metres = np.hypot(metres, np.where(lost, distance, 0.0))
     metres = np.where(jumped, parameters.slam.jump_sigma_m, metres)
     radians = np.where(jumped, parameters.slam.jump_sigma_rad, radians)
-    sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA)
+    sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA) / [unit, unit, 1.0]
     return Keyframes(track.t[at], track.position[at], sigma, _midpoints(due), jumped | lost)
 
 

@@ -146,6 +146,15 @@ def test_a_noisier_slam_has_longer_sigmas_but_for_steps_that_are_rebuilt() -> No
     np.testing.assert_array_equal(noisy.step_sigma[1], usual.step_sigma[1])
 
 
+def test_a_track_in_centimetres_drifts_as_far_as_it_does_in_metres() -> None:
+    """Its steps are in its own unit, its turns are not: without the unit they would be ten times as uncertain."""
+    metres = straight(np.linspace(0.0, 10.0, 101))
+    centimetres = replace(metres, position=100.0 * metres.position)
+    usual = keyframes_of(repaired_tracks(metres), 1.0, MODEL).step_sigma
+    found = keyframes_of(repaired_tracks(centimetres), 1.0, MODEL, unit=0.01).step_sigma
+    np.testing.assert_allclose(found, usual * [100.0, 100.0, 1.0], rtol=1e-9)
+
+
 def test_the_anchor_is_the_first_place_at_the_height_of_the_origin() -> None:
     keyframes = Keyframes(
         np.arange(2.0),
