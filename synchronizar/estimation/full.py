@@ -172,23 +172,27 @@ def _refined(
     found, interval, finest = search.found, search.interval, problem.parameters.slam.keyframe_interval
     first = found[0]
     unit = _units(first)
-    begun_with = first.graph.with_keyframes(keyframes_of_all(problem, repaired_tracks, interval, search.far, unit))
-    best = with_noise_alone(with_measured_weights(first._replace(graph=begun_with)))
+    begun_with = keyframes_of_all(problem, repaired_tracks, interval, search.far, unit)
+    best = with_noise_alone(with_measured_weights(first._replace(graph=first.graph.with_keyframes(begun_with))))
     if search.far is None:
         best = with_devices_trusted(best)
-    graph = with_measured_priors(best.graph, best.states, best.em_weights)
-    priors = graph.calibration_priors
-    best = graph.run_em(best.states, best.em_weights, _ROUNDS)
-    if search.far is None:
-        noise = step_noise(best.graph, best.states, best.em_weights)
-    else:
-        far = far_noise(best, problem, repaired_tracks)
-        noise = StepNoise(far, far)
-    coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used, unit)
+    for again in (True, False):
+        graph, usual = with_measured_priors(best.graph, best.states, best.em_weights), best.held_as_usual
+        priors = graph.calibration_priors
+        best = graph.run_em(best.states, best.em_weights, _ROUNDS)
+        if search.far is None:
+            noise = step_noise(best.graph, best.states, best.em_weights)
+        else:
+            far = far_noise(best, problem, repaired_tracks)
+            noise = StepNoise(far, far)
+        coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used, unit)
+        best, others = _likeliest_held(best._replace(graph=best.graph.with_keyframes(coarse)))
+        if not again or np.array_equal(best.held_as_usual, usual):
+            break
+        # What other heights explain passed for drift, biases and noise: all of that is measured once more.
+        best = with_measured_weights(best._replace(graph=best.graph.with_keyframes(begun_with)))
     fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used, unit)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
-    best = best._replace(graph=best.graph.with_keyframes(coarse))
-    best, others = _likeliest_held(best)
     others += other_heights(best, heights)
     if nlos_share(best) > problem.parameters.search.doubtful_share:
         others += other_places(best)
