@@ -285,7 +285,9 @@ class IntegrityParameters:
     """... and in height below this: of 870 simulated users one in 40 lay between both limits, none of whom was off, and
     one of nine between this and 0.025; on average of all who are registered it is below 1 in 2000, ..."""
     wrong_share_kept: float = 0.05
-    """... and stays so while each is below this, so that states do not flicker."""
+    """... and stays so while each is below this, so that states do not flicker, ..."""
+    wrong_share_unproven: float = 0.01
+    """... or below this, while people walk, until no other placement has been found for `proven_duration`."""
     cost_excluded: float = 7.0
     """An alternative is excluded when its cost is this far above the best one's, ..."""
     cost_excluded_nlos: float = 12.0
@@ -319,7 +321,9 @@ class IntegrityParameters:
     least_duration: float = 3.0
     """s after the first range before anybody is registered while people walk."""
     watched_share: float = 0.02
-    """A user with a larger share of NLOS ranges is registered when its place has stayed ..."""
+    """A user with a larger share of NLOS ranges, ..."""
+    watched_drift: float = 2.0
+    """... or whose SLAM drifts so many times as far as usual, is registered when its place has stayed ..."""
     watched_duration: float = 2.0
     """... for so many seconds: what a burst says is soon contradicted."""
     innovation_windows: tuple[float, ...] = (1.0, 3.0, 10.0)
@@ -351,14 +355,16 @@ class IntegrityParameters:
     shift_gain: float = 13.0
     """Log likelihood that a shift gains, beside all that bursts of NLOS explain and what it costs, from which on users
     are there; ..."""
-    shift_gain_suspected: float = 6.0
+    shift_gain_suspected: float = 5.0
     """... and from which on they are not called registered until half of it is gone."""
     shift_gain_apart: float = 3.0
     """Shifts of others that gain less than this below the best may be the true ones too."""
     doubted_duration: float = 30.0
     """s after its ranges contradicted a user in which it is registered again only ..."""
     doubted_share: float = 0.25
-    """... while fewer of its latest ranges do not fit: what was wrong may still be."""
+    """... while fewer of its latest ranges do not fit: what was wrong may still be, ..."""
+    doubted_watched: float = 3.0
+    """... and its place has stayed for so many seconds."""
     proven_duration: float = 5.0
     """s: until a user has been registered for so long, other placements are looked for all along."""
 

@@ -193,7 +193,7 @@ class PoseStream:
         self._count = 0  # of rows, those pending among them
         self._decided = 1  # rows whose steps are known to be jumps or none; the first has no step
         self.resumed_at = -math.inf
-        """s: stamp of the first pose after it last told nothing for longer than `slam.longest_pose_gap`."""
+        """s: stamp of the first pose after it told nothing, or the same, for longer than `slam.longest_pose_gap`."""
         self._t, self._same_since = -math.inf, -math.inf
         self._x = self._y = self._z = math.nan
         self._qx = self._qy = self._qz = 0.0
@@ -265,8 +265,6 @@ class PoseStream:
     def _take(self, t: float, x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float) -> None:
         """A sound pose after all others."""
         dt = t - self._t
-        if self._longest_gap < dt < math.inf:
-            self.resumed_at = t
         dx, dy, dz = x - self._x, y - self._y, z - self._z
         if dx == dy == dz == 0.0 and qx == self._qx and qy == self._qy and qz == self._qz and qw == self._qw:
             if not self._stands and t - self._same_since >= self._frozen_after:
@@ -277,6 +275,8 @@ class PoseStream:
             if self._t - self._same_since >= self._frozen_after and self._thaw(x, y, z, qx, qy, qz, qw):
                 dt = t - self._t
             self._same_since = t
+        if self._longest_gap < dt < math.inf:
+            self.resumed_at = t
         ex, ey, ez = dx - self._vx * dt, dy - self._vy * dt, dz - self._vz * dt
         square = ex * ex + ey * ey + ez * ez
         dot = abs(qx * self._qx + qy * self._qy + qz * self._qz + qw * self._qw)

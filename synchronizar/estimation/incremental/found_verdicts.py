@@ -29,6 +29,9 @@ class FoundVerdicts:
         state, reason = own.verdict.state, own.verdict.reason
         standing.progress = own.progress
         elsewhere = self._followed_elsewhere(user, placed, places)
+        wrongly = elsewhere and standing.is_registered and self._is_elsewhere(user, placed)
+        if wrongly:  # it was relied on where it was not, and may be again
+            standing.doubted_at = found.t
         if state is State.REGISTERED and elsewhere:
             self._following.leave(user)
         doubted = found.t - standing.doubted_at < m.doubted_duration
@@ -36,12 +39,16 @@ class FoundVerdicts:
             state, reason = State.UNOBSERVABLE, f"{own.rejected:.0%} of its latest ranges do not fit"
             if own.rejected > m.doubted_share + self._following.nlos_share:  # more than among the others: it lasts
                 standing.doubted_at = found.t
-        if state is State.REGISTERED and not (standing.is_registered or self._is_steady(standing, own, before, placed)):
+        drifts = float(found.noise[user].max()) > m.watched_drift
+        anew = state is State.REGISTERED and (wrongly or not standing.is_registered)
+        if anew and not self._is_steady(standing, own, before, placed, drifts, doubted):
             standing.progress *= _WATCHED_AT
             state, reason = State.UNOBSERVABLE, "its place is known, if it stays there: it is watched on"
         if state is State.REGISTERED:
             if standing.registered_at is None:
                 standing.registered_at = found.t
+                self._confirm(user, found.t)
+                self._confirm(self._roster.reference, found.t)
             standing.proven = found.t - standing.registered_at >= m.proven_duration and own.single
             standing.contradicted = False
         else:
@@ -101,13 +108,30 @@ class FoundVerdicts:
         followed, found = self._following.tracking.costs_of(user, ranges.serial, -ranges.residual)
         return float((followed - found).sum())
 
-    def _is_steady(self, standing: Standing, own: FoundUser, before: Placed | None, placed: Placed) -> bool:
-        """Whether who seems registered has ranged for long enough, and stayed in its place where ranges are NLOS."""
+    def _confirm(self, user: int, t: float) -> None:
+        """A search that saw as much since a user's SLAM paused as of one who has just come tells where that goes on."""
+        standing = self._roster.standings[user]
+        since = standing.unconfirmed_since
+        if since is not None and t - since >= self._roster.parameters.integrity.least_duration:
+            standing.unconfirmed_since = None
+
+    def _is_steady(
+        self, standing: Standing, own: FoundUser, before: Placed | None, placed: Placed, drifts: bool, doubted: bool
+    ) -> bool:
+        """Whether who seems registered has ranged for long enough, and stayed in its place where it may be wrong.
+
+        That is where ranges are NLOS, or fit a track that drifts unusually far alone, where the search before, as sure,
+        had it elsewhere, and longer where its ranges contradicted it lately: while SLAM slides on, the few since then
+        fit a walk in another direction.
+        """
         m, now = self._roster.parameters.integrity, self._roster.now
         assert standing.since is not None
         long_enough = now - standing.since >= m.least_duration
-        if own.rejected <= m.watched_share:
+        stays = before is not None and not before.is_elsewhere(placed, m)
+        usual = own.rejected <= m.watched_share and not drifts and not doubted
+        if usual and (stays or standing.steady_since is None):
             return long_enough
-        if standing.steady_since is None or before is None or before.is_elsewhere(placed, m):
+        if standing.steady_since is None or not stays:
             standing.steady_since = now
-        return long_enough and now - standing.steady_since >= m.watched_duration
+        watched = m.doubted_watched if doubted else m.watched_duration
+        return long_enough and now - standing.steady_since >= watched

@@ -54,7 +54,7 @@ class Judging:
         for user, (stream, standing) in enumerate(zip(roster.streams, roster.standings, strict=True)):
             if stream is not None and stream.resumed_at != standing.resumed_at:  # a new session may have another clock
                 standing.resumed_at = stream.resumed_at
-                standing.unconfirmed_since = stream.resumed_at - float(clock[user]) if standing.is_registered else None
+                standing.unconfirmed_since = stream.resumed_at - float(clock[user])
             since = standing.unconfirmed_since
             if since is not None and self._following.contradictions.confirms(user, since):
                 standing.unconfirmed_since = None
@@ -103,7 +103,8 @@ class Judging:
             if user == gauge or user not in members.order:
                 continue
             extent = members.extent(user, tracking.members[user].stamp - m.judged_walk)
-            verdict, near, _ = members.verdict(user, gauge, extent, float(rejected[user]), standing.is_registered)
+            known = standing.is_registered, standing.proven
+            verdict, near, _ = members.verdict(user, gauge, extent, float(rejected[user]), *known)
             relative = members.relative(user, gauge)
             following.spread[user] = float(np.sqrt(max(np.linalg.eigvalsh(relative[:2, :2])[-1], 0.0)))
             standing.verdict, standing.progress = verdict, near
