@@ -92,6 +92,8 @@ class SlamParameters:
     recordings with a truth, errors grew again below it while the ranges of a short walk saw no difference."""
     drift_weight: float = 20.0
     """Steps that the drift of all users together is worth where that of a device's own SLAM is estimated."""
+    drift_seen_weight: float = 8.0
+    """Steps that the usual drift is worth where it is estimated by how much places are corrected while people walk."""
     slip_sigmas: float = 5.0
     """Sigmas of a step between keyframes beyond which SLAM slipped."""
 

@@ -120,6 +120,7 @@ class Engine:
         if self.users[user].static:
             return
         self.following.leave(user)
+        self.following.tracking.drift.forget(user)
         self.roster.renew_stream(user)
         self.roster.look_anew(user, State.UNOBSERVABLE, f"{why}: it is looked for anew")
         self.roster.standings[user].contradicted = user == self.reference and self.solved

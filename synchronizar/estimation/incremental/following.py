@@ -19,6 +19,8 @@ from synchronizar.estimation.incremental.standing import Placed
 from synchronizar.estimation.incremental.tracking import JoiningUser, Tracking
 from synchronizar.geometry import apply_frames, wrap_angle
 
+_DRIFTING = (0, 1, 3, 4)  # x, y, yaw, log scale among what is known of a member
+
 
 class Following:
     """Everybody whose place is known well enough for ranges to be linear in it."""
@@ -81,6 +83,14 @@ class Following:
     def _look(self, before: Joint | None = None) -> None:
         """What the graph tells of all members; `before`: what it told last. Raises RuntimeError if it is singular."""
         self.members = Members(self.tracking, self._roster.reference, self.shift, before)
+        if self.members.joint is not before:
+            self._look_at_drift(self.members.joint)
+
+    def _look_at_drift(self, joint: Joint) -> None:
+        """What is known of everybody at the begin of the newest slots."""
+        for n, (user, slot) in enumerate(joint.at):
+            covariance = joint.covariance[n, :, n][np.ix_(_DRIFTING, _DRIFTING)]
+            self.tracking.drift.look(user, slot, covariance, self.tracking.noise_of(user))
 
     def place_members(self) -> None:
         """Everybody who is followed is where the graph has it."""
@@ -131,6 +141,7 @@ class Following:
         """Follow more users, as a search found them; `reference` begins the common frame."""
         tracking = self.tracking
         tracking.join(joining, reference)
+        tracking.drift.begin()
         members, new = list(tracking.members), list(joining)
         rows = self._log.rows
         i, j = self._log.users(rows)
@@ -155,6 +166,7 @@ class Following:
             return
         try:
             self.tracking.leave(user)
+            self.tracking.drift.begin()
             self._look()
         except RuntimeError:
             self.give_up(but=user)
@@ -170,7 +182,8 @@ class Following:
             if user not in (roster.reference, but):
                 roster.look_anew(user, State.UNOBSERVABLE, "it is looked for anew")
         self.tracking = Tracking(roster.users, roster.streams, roster.parameters)
-        self.tracking.origin, self.tracking.noise = before.origin, before.noise
+        self.tracking.origin, self.tracking.noise, self.tracking.drift = before.origin, before.noise, before.drift
+        self.tracking.drift.begin()
         self.tracking.assumed_clock, self.tracking.read_clock = before.assumed_clock, before.read_clock
         self.contradictions.suspected = frozenset()
         self.members = None

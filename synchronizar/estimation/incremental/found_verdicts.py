@@ -120,18 +120,17 @@ class FoundVerdicts:
     ) -> bool:
         """Whether who seems registered has ranged for long enough, and stayed in its place where it may be wrong.
 
-        That is where ranges are NLOS, or fit a track that drifts unusually far alone, where the search before, as sure,
-        had it elsewhere, and longer where its ranges contradicted it lately: while SLAM slides on, the few since then
-        fit a walk in another direction.
+        That is where ranges are NLOS, or fit a track that drifts unusually far alone, also where that was so by the
+        search before: all may fit in another place. And longer where its ranges contradicted it lately: while SLAM
+        slides on, the few since then fit a walk in another direction.
         """
         m, now = self._roster.parameters.integrity, self._roster.now
         assert standing.since is not None
         long_enough = now - standing.since >= m.least_duration
-        stays = before is not None and not before.is_elsewhere(placed, m)
         usual = own.rejected <= m.watched_share and not drifts and not doubted
-        if usual and (stays or standing.steady_since is None):
+        if usual and standing.steady_since is None:
             return long_enough
-        if standing.steady_since is None or not stays:
+        if standing.steady_since is None or before is None or before.is_elsewhere(placed, m):
             standing.steady_since = now
         watched = m.doubted_watched if doubted else m.watched_duration
         return long_enough and now - standing.steady_since >= watched

@@ -13,6 +13,7 @@ from synchronizar.data.user import User
 from synchronizar.estimation.incremental.innovations import Innovations
 from synchronizar.estimation.incremental.kept import kept, restore_kept
 from synchronizar.estimation.incremental.range_weighing import RangeWeighing
+from synchronizar.estimation.incremental.seen_drift import SeenDrift
 from synchronizar.estimation.incremental.slot_ranges import (
     DISTANCE,
     NLOS_ODDS,
@@ -151,6 +152,7 @@ class Tracking:
         """(k,) s: the clock offsets that tracks are read by. A clock runs off for hours, and a range is read by a
         straight line about this one: it follows the estimate."""
         self.noise = np.ones((len(users), 2))
+        self.drift = SeenDrift(len(users), parameters.slam)
         self.height_weight = np.ones(len(users))
         """(k,): of the prior of each user's height, by the search that it joined with."""
         self.calibration_prior = np.tile(calibration_sigmas(parameters)[0], (len(users), 1))
@@ -214,6 +216,9 @@ class Tracking:
         state[3] += dz
         self._insert(user, slot, stamp, place, state)
         self._tie(user, before, self.members[user])
+        if self.streams[user] is not None:
+            place, _, heading = self._steps[user, slot][1].sigma
+            self.drift.open(user, (before.slot, before.state), (slot, state), (place, heading))
         if self.is_surveyed(user):
             self._hold(user, slot)
         return True
@@ -236,13 +241,17 @@ class Tracking:
             return step_factor(user, before, slot, step, self.parameters)
         return calibration_walk_factor(user, before, slot, step.duration, self.parameters)
 
+    def noise_of(self, user: int) -> Array:
+        """(2,) factors on the usual drift of a user's place and heading: by searches, and by what is seen since."""
+        return np.maximum(self.noise[user], self.drift.factors[user])
+
     def _step(self, user: int, a: Tracked, b: Tracked) -> SlamStep:
         slam, stream = self.parameters.slam, self.streams[user]
         duration = (b.slot - a.slot) * slam.keyframe_interval
         if stream is None:
             return SlamStep((0.0, 0.0, 0.0), (_STATIC, _STATIC, _STATIC), duration)
         travelled, rebuilt = stream.way(a.stamp, b.stamp)
-        metres, radians = self.noise[user].tolist()
+        metres, radians = self.noise_of(user).tolist()
         metres *= np.sqrt(slam.drift_m_per_sqrt_s**2 * duration + slam.drift_m_per_sqrt_m**2 * travelled)
         radians *= np.sqrt(slam.drift_rad_per_sqrt_s**2 * duration + slam.drift_rad_per_sqrt_m**2 * travelled)
         if rebuilt:
@@ -449,6 +458,7 @@ class Tracking:
         self.slots.add_user()
         self.assumed_clock, self.read_clock = np.append(self.assumed_clock, 0.0), np.append(self.read_clock, 0.0)
         self.noise = np.vstack([self.noise, [1.0, 1.0]])
+        self.drift.add_user()
         self.height_spread = np.append(self.height_spread, 0.0)
         self.height_weight = np.append(self.height_weight, 1.0)
         self.calibration_prior = np.vstack([self.calibration_prior, calibration_sigmas(self.parameters)[0]])
@@ -597,12 +607,14 @@ class Tracking:
     def state(self) -> dict[str, Any]:
         """All of it but for users and streams, as `restore` takes it."""
         tables = {"ranges": self.ranges.rows.copy(), "slots": self.slots.to_table()}
-        return kept(self) | tables | {"weighing": kept(self.weighing), "follower": self.follower.to_state()}
+        parts = {"weighing": kept(self.weighing), "drift": kept(self.drift), "follower": self.follower.to_state()}
+        return kept(self) | tables | parts
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """What `state` told of. KeyError, ValueError or RuntimeError where it does not fit together."""
         restore_kept(self, state)
         restore_kept(self.weighing, state["weighing"])
+        restore_kept(self.drift, state["drift"])
         self.ranges = SlotRanges()
         self.ranges.restore(state["ranges"])
         self.slots = SlotStates(len(self.users))

@@ -37,7 +37,7 @@ BY_A_METHOD = {
     },
     "Roster": {"users", "reference", "streams"},
     "Following": {"tracking", "contradictions"},
-    "Tracking": {"follower", "ranges", "slots", "weighing"},
+    "Tracking": {"follower", "ranges", "slots", "weighing", "drift"},
 }
 """What a part of an engine keeps in some other way than by its attributes' names."""
 NOT_KEPT = {
@@ -46,6 +46,7 @@ NOT_KEPT = {
     "Following": {"_roster", "_log", "members"},
     "Tracking": {"users", "streams", "parameters", "_loss", "_levers", "_survey", "_biases"},
     "RangeWeighing": {"_parameters", "_loss"},
+    "SeenDrift": {"_parameters"},
     "Schedule": {"_roster", "_following"},
     "Findings": {"_roster", "_following", "_verdicts"},
     "Judging": {"_roster", "_log", "_following", "_schedule"},
@@ -132,7 +133,7 @@ def test_what_is_saved_twice_is_written_to_the_last_bit(tmp_path: Path) -> None:
 def test_nothing_that_an_engine_knows_is_left_out() -> None:
     engine = walked(1.0)
     tracking = engine.following.tracking
-    followed = [engine.following, tracking, tracking.weighing]
+    followed = [engine.following, tracking, tracking.weighing, tracking.drift]
     for part in [engine, engine.roster, *followed, engine.schedule, engine.findings, engine._judging, engine._cueing]:
         name = type(part).__name__
         known = {*getattr(part, "KEPT", ()), *BY_A_METHOD.get(name, ()), *NOT_KEPT[name]}
