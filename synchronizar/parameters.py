@@ -287,9 +287,7 @@ class IntegrityParameters:
     """... and in height below this: of 870 simulated users one in 40 lay between both limits, none of whom was off, and
     one of nine between this and 0.025; on average of all who are registered it is below 1 in 2000, ..."""
     wrong_share_kept: float = 0.05
-    """... and stays so while each is below this, so that states do not flicker, ..."""
-    wrong_share_unproven: float = 0.01
-    """... or below this, while people walk, until no other placement has been found for `proven_duration`."""
+    """... and stays so while each is below this, so that states do not flicker."""
     cost_excluded: float = 7.0
     """An alternative is excluded when its cost is this far above the best one's, ..."""
     cost_excluded_nlos: float = 12.0

@@ -62,14 +62,13 @@ def verdicts(
     parameters: Parameters,
     registered: Collection[int] = (),
     contradicted: Mapping[int, str] | None = None,
-    kept: float | None = None,
 ) -> list[Verdict | None]:
     """The verdict on each active user, None for the others.
 
     `found` are the hypotheses, best first, `rejected` (k,) the share of each user's ranges that do not fit,
     `systematic` users whose residuals are no noise, `extent` (k, c, 3) m the extent points of each user's track in its
-    own frame. Users that are `registered` already stay so up to a higher probability of being wrong: `kept`, if not
-    the usual one. `contradicted` are users who are not where they seem, with the reason.
+    own frame. Users that are `registered` already stay so up to a higher probability of being wrong.
+    `contradicted` are users who are not where they seem, with the reason.
     """
     best = found[0]
     apart, in_plane = np.zeros(len(graph.users)), np.zeros(len(graph.users))
@@ -89,7 +88,6 @@ def verdicts(
     reference = graph.reference
     out[reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
     contradicted = contradicted or {}
-    kept = parameters.integrity.wrong_share_kept if kept is None else kept
     if reference in contradicted:
         out[reference] = Verdict(State.UNOBSERVABLE, contradicted[reference])
     for u in graph.free:
@@ -100,9 +98,7 @@ def verdicts(
             if own > 0.5 * of and not (name == "yaw" and graph.users[u].static)
         )
         m = parameters.integrity
-        limits = m.wrong_share, m.wrong_height_share
-        if u in registered:
-            limits = kept, max(kept, m.wrong_height_share)
+        limits = (m.wrong_share_kept,) * 2 if u in registered else (m.wrong_share, m.wrong_height_share)
         if higher[u] > limits[1]:
             apart[u] = max(apart[u], above[u])
             higher[u] = 0.0

@@ -473,6 +473,18 @@ def test_frozen_poses_are_doubted_and_leave_a_gap() -> None:
         assert not np.array(doubted)[~frozen].any()
 
 
+def test_slam_that_froze_has_paused_and_one_that_stood_has_not() -> None:
+    track = walk(hz=30.0)
+    position = track.position.copy()
+    position[100:200] = position[100]
+    stands = position.copy()
+    stands[200:] -= stands[200] - stands[100]
+    goes_on = settled(Track(track.t, position, track.quat_xyzw))
+    assert goes_on.set_aside > 0
+    assert goes_on.resumed_at == track.t[200]
+    assert settled(Track(track.t, stands, track.quat_xyzw)).resumed_at == -np.inf
+
+
 def test_a_device_that_stops_dead_is_doubted_and_then_believed() -> None:
     track = walk(hz=30.0)
     position = track.position.copy()

@@ -103,8 +103,7 @@ class Judging:
             if user == gauge or user not in members.order:
                 continue
             extent = members.extent(user, tracking.members[user].stamp - m.judged_walk)
-            known = standing.is_registered, standing.proven
-            verdict, near, _ = members.verdict(user, gauge, extent, float(rejected[user]), *known)
+            verdict, near, _ = members.verdict(user, gauge, extent, float(rejected[user]), standing.is_registered)
             relative = members.relative(user, gauge)
             following.spread[user] = float(np.sqrt(max(np.linalg.eigvalsh(relative[:2, :2])[-1], 0.0)))
             standing.verdict, standing.progress = verdict, near

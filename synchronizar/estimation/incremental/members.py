@@ -141,20 +141,16 @@ class Members:
         return Hypothesis(0.0, frames, covariances, [GaussianComponent(1.0, frames, covariances)])
 
     def verdict(
-        self, user: int, gauge: int, extent: Array, rejected: float, registered: bool, proven: bool = True
+        self, user: int, gauge: int, extent: Array, rejected: float, registered: bool
     ) -> tuple[Verdict, float, Hypothesis]:
-        """On a member beside another, how near it is to being registered, and what both follow from.
-
-        Who is registered stays so up to a higher probability of being wrong, and up to a lower one until it is proven.
-        """
+        """On a member beside another, how near it is to being registered, and what both follow from."""
         users, parameters = self.tracking.users, self.tracking.parameters
         found = self.hypothesis(user, gauge)
         of_all = np.zeros((len(users), len(extent), 3))
         of_all[user] = extent
         shares = np.full(len(users), rejected)
         one = _One(users, gauge, [user], parameters)
-        kept = parameters.integrity.wrong_share_kept if proven else parameters.integrity.wrong_share_unproven
-        known = verdicts([found], shares, (), one, of_all, parameters, [user] if registered else [], kept=kept)[user]
+        known = verdicts([found], shares, (), one, of_all, parameters, [user] if registered else [])[user]
         assert known is not None
         variances = self.placed(user).calibration_sigma ** 2
         near = nearness(found, user, users[user].static, extent, parameters)
