@@ -17,28 +17,21 @@ from pathlib import Path
 import numpy as np
 
 from synchronizar.convert.asked import TIME_UNITS, Asked
-from synchronizar.convert.axes import quaternions_of_matrices
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.source import Source
 from synchronizar.convert.tables import read_numbers
-from synchronizar.convert.track_file import add_track
+from synchronizar.convert.track_file import add_track, poses_of_matrices
 from synchronizar.errors import InputError
 from synchronizar.io.text import is_number
 from synchronizar.progress import Progress
 
 TIMES = "times.txt"
-_ORTHONORMAL = 0.02
 
 
 def recognises(source: Source) -> bool:
     """Lines of twelve numbers by blanks."""
     lines = source.lines
     return bool(lines) and all(len(words := line.split()) == 12 and all(map(is_number, words)) for line in lines)
-
-
-def belongs(source: Source) -> bool:
-    """Whether it is a file of times, which is read with its poses."""
-    return not source.is_folder and source.path.name.endswith(TIMES)
 
 
 def read(path: Path, asked: Asked, progress: Progress) -> Imported:
@@ -50,13 +43,7 @@ def read(path: Path, asked: Asked, progress: Progress) -> Imported:
     t, _ = read_numbers(times, "t", 1)
     if len(t) != len(numbers):
         raise InputError(times, f"has {len(t)} times, {path.name} has {len(numbers)} poses")
-    matrices = numbers.reshape(-1, 3, 4)
-    off = np.abs(matrices[:, :, :3] @ matrices[:, :, :3].transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    bad = ~(off < _ORTHONORMAL) | (np.linalg.det(matrices[:, :, :3]) < 0.0)
-    if bad.any():
-        raise InputError(path, "its matrix is no rotation", line_of(int(bad.argmax())))
-    quat = quaternions_of_matrices(matrices[:, :, :3])
-    rows = np.column_stack([t * TIME_UNITS[asked.time_unit or "s"], matrices[:, :, 3], quat])
+    rows = np.column_stack([t * TIME_UNITS[asked.time_unit or "s"], poses_of_matrices(path, numbers, line_of)])
     imported = Imported()
     if asked.world is None:
         imported.note("axes are a camera's (x right, y down, z forward), and the first camera is taken to be level")

@@ -22,12 +22,12 @@ from pathlib import Path
 
 import numpy as np
 
+from synchronizar.arrays import Array
 from synchronizar.convert.asked import TIME_UNITS, Asked
-from synchronizar.convert.axes import quaternions_of_matrices
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.source import Source
 from synchronizar.convert.tables import read_numbers
-from synchronizar.convert.track_file import add_track
+from synchronizar.convert.track_file import add_track, poses_of_matrices
 from synchronizar.errors import InputError
 from synchronizar.io.text import is_number
 from synchronizar.progress import Progress
@@ -50,11 +50,7 @@ def read(path: Path, asked: Asked, progress: Progress) -> Imported:
     columns, separator, order = shape
     rows, line_of = read_numbers(path, order, columns, separator)
     if columns == 13:
-        matrices = rows[:, 1:].reshape(-1, 3, 4)
-        off = np.abs(matrices[:, :, :3] @ matrices[:, :, :3].transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-        if not (off < 0.02).all():
-            raise InputError(path, "its matrix is no rotation", line_of(int((~(off < 0.02)).argmax())))
-        rows = np.column_stack([rows[:, 0], matrices[:, :, 3], quaternions_of_matrices(matrices[:, :, :3])])
+        rows = np.column_stack([rows[:, 0], poses_of_matrices(path, rows[:, 1:], line_of)])
     else:
         names = order.split()
         rows = rows[:, [names.index(name) for name in ("t", "x", "y", "z", "qx", "qy", "qz", "qw")]]
@@ -90,5 +86,5 @@ def _shape(source: Source) -> tuple[int, str | None, str] | None:
     return None
 
 
-def _is_unit(quat: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> bool:
+def _is_unit(quat: Array) -> bool:
     return bool(abs(np.linalg.norm(quat) - 1.0) < 0.02)

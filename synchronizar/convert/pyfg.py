@@ -34,9 +34,10 @@ from synchronizar.convert.asked import Asked
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.source import Source
 from synchronizar.convert.surveyed import add_surveyed
+from synchronizar.convert.tables import lines_of
 from synchronizar.data.user import User
-from synchronizar.errors import InputError, os_faults
-from synchronizar.io.text import is_plain, open_text, quoted
+from synchronizar.errors import InputError
+from synchronizar.io.text import is_plain, quoted
 from synchronizar.progress import Progress
 from synchronizar.quaternions import (
     IDENTITY,
@@ -53,7 +54,6 @@ _POINTS = {"VERTEX_XY": 2, "VERTEX_XYZ": 3}
 _ODOMETRY = {"EDGE_SE2": 3, "EDGE_SE3:QUAT": 7}
 _KINDS = re.compile(r"(VERTEX|EDGE)_[A-Z0-9]+(:[A-Z]+)*")
 _POSE_NAME = re.compile(r"(.*?[^\d_])_?(\d+)")
-_LINES_A_STEP = 50_000
 
 
 @dataclass
@@ -128,17 +128,9 @@ def read(path: Path, asked: Asked, progress: Progress) -> Imported:
 
 def _graph(path: Path, progress: Progress) -> _Graph:
     graph = _Graph()
-    with os_faults(path):
-        size = max(path.stat().st_size, 1)
-    done = 0
-    with os_faults(path), open_text(path) as file:
-        for number, line in enumerate(file, start=1):
-            done += len(line)
-            if number % _LINES_A_STEP == 0:
-                progress(min(done / size, 1.0))
-            words = line.partition("#")[0].split()
-            if words:
-                _take(path, number, words, graph)
+    for number, line in lines_of(path, progress):
+        if words := line.partition("#")[0].split():
+            _take(path, number, words, graph)
     if not graph.robots and not graph.landmarks:
         raise InputError(path, "has no vertex: no VERTEX_SE2, VERTEX_SE3:QUAT, VERTEX_XY or VERTEX_XYZ")
     for number, a, b, step in graph.steps:
@@ -149,7 +141,6 @@ def _graph(path: Path, progress: Progress) -> _Graph:
             graph.robots[graph.robot_of[a]].steps[a, b] = step
         else:
             graph.not_read["edges between robots"] += 1
-    progress(1.0)
     return graph
 
 

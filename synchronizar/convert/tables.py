@@ -1,9 +1,9 @@
-"""Tables of numbers in text files: read fast, and where that fails, the first line at fault is named."""
+"""Lines of text files, and tables of numbers: read fast, and where that fails, the first line at fault is named."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,23 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.errors import InputError, os_faults
 from synchronizar.io.text import is_number, open_text, quoted
+from synchronizar.progress import Progress
+
+_LINES_A_STEP = 20_000
+
+
+def lines_of(path: Path, progress: Progress) -> Iterator[tuple[int, str]]:
+    """Lines of a text that are not blank, counted from 1, without what surrounds them."""
+    with os_faults(path):
+        size, done = max(path.stat().st_size, 1), 0
+        with open_text(path) as file:
+            for number, line in enumerate(file, start=1):
+                done += len(line)
+                if number % _LINES_A_STEP == 0:
+                    progress(min(done / size, 1.0))
+                if text := line.strip():
+                    yield number, text
+    progress(1.0)
 
 
 def read_numbers(

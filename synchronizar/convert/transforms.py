@@ -96,10 +96,6 @@ class Transforms:
     def __init__(self) -> None:
         self._edges: dict[str, dict[str, _Edge]] = {}
 
-    def add(self, space: str, logged: float, transform: Any, is_static: bool) -> None:
-        """Take one transform of a message."""
-        self.put(transform_of(space, logged, transform), is_static)
-
     def put(self, transform: StampedTransform, is_static: bool) -> None:
         """Take a transform."""
         edge = self._edges.setdefault(transform.child, {}).setdefault(transform.parent, _Edge(is_static))
