@@ -141,16 +141,14 @@ def _solvable(recording: Path) -> Iterator[None]:
 
 def _refuse_recordings(out: Path) -> None:
     """An answer has a ranges.csv and tracks of the same names as a recording: it must not stand in one's place."""
+    from synchronizar.io.recording_folder import is_recording
+
     folder = out.resolve()
-    if _is_recording(folder):
+    if is_recording(folder):
         raise InputError(out, "is a recording: the answer would overwrite its ranges")
     for place in (folder, *folder.parents):
-        if place.name in ("tracks", "truth") and _is_recording(place.parent):
+        if place.name in ("tracks", "truth") and is_recording(place.parent):
             raise InputError(out, f"is a recording's own {place.name}: no place for an answer")
-
-
-def _is_recording(folder: Path) -> bool:
-    return (folder / "tracks").is_dir() and (folder / "ranges.csv").exists()
 
 
 def _solved(options: argparse.Namespace) -> tuple[Recording, Registration]:
@@ -222,7 +220,7 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _convert(options: argparse.Namespace) -> None:
-    from synchronizar.convert.saving import is_recording
+    from synchronizar.io.recording_folder import is_recording
 
     if options.from_format is None and is_recording(options.source):
         _convert_out(options)
@@ -291,16 +289,17 @@ def _convert_in(options: argparse.Namespace) -> None:
 def _save_imported(options: argparse.Namespace, asked: Asked, parts: list[Part], unknown: list[Path]) -> list[str]:
     """Write the recording; returns what was taken for granted."""
     from synchronizar.convert import importing
-    from synchronizar.convert.saving import is_recording, save
+    from synchronizar.convert.saving import save
+    from synchronizar.io.recording_folder import is_recording
 
     with ExitStack() as needs, bar(f"reading {options.source}") as progress:
         for part in parts:
             needs.enter_context(_extra(part.format.reader_extra))
         imported = importing.read_parts(options.source, parts, unknown, asked, progress or unheard)
     added_to = options.out if options.add and is_recording(options.out) else None
-    recording, truth = importing.recording_of(options.source, imported, asked, added_to)
+    recording, truth, notes = importing.recording_of(options.source, imported, asked, added_to)
     save(recording, truth, options.out)
-    return imported.notes
+    return notes
 
 
 def _print_conversion(options: argparse.Namespace, formats: list[str], notes: list[str]) -> None:

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar.arrays import Array, Indices
+from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.convert.asked import Asked
-from synchronizar.convert.imported import Imported
+from synchronizar.convert.imported import Imported, RangeRows, with_settings
 from synchronizar.convert.mapping import Radio, mapped
 from synchronizar.convert.stillness import moves
 from synchronizar.data.ranges import Ranges
@@ -31,10 +31,12 @@ class Assembled(NamedTuple):
 
     recording: Recording
     truth: dict[str, Track]
+    notes: list[str]
+    """What was guessed, assumed or left out, a sentence each."""
 
 
 def assemble(place: str, imported: Imported, asked: Asked) -> Assembled:
-    """The recording of what was read; adds notes on what was left out.
+    """The recording of what was read.
 
     Raises InputError, which names `place`, where nothing is left or a name cannot be a user's.
     """
@@ -53,7 +55,8 @@ def assemble(place: str, imported: Imported, asked: Asked) -> Assembled:
     if strangers := sorted(name for name in truth if name not in users):
         imported.note(f"the truth of {listed(strangers)}, with neither a track nor ranges, is left out")
     true = {name: track_of_rows(rows, users[name].up) for name, rows in of_users.items()}
-    return Assembled(Recording(in_order, made, _ranges(place, imported, in_order)), true)
+    recording = Recording(in_order, made, _ranges(place, imported, in_order))
+    return Assembled(recording, true, imported.notes)
 
 
 def _carry(imported: Imported, radios: Mapping[str, Radio]) -> None:
@@ -89,10 +92,14 @@ def _rename(place: str, imported: Imported, asked: Asked) -> None:
             raise InputError(place, f"{quoted(name)} cannot be a user's name: give it another by --rename")
     imported.tracks = _joined(place, imported.tracks, wanted)
     imported.truth = _joined(place, imported.truth, wanted)
-    imported.users = {wanted[n]: replace(user, name=wanted[n]) for n, user in imported.users.items() if n in wanted}
+    users: dict[str, User] = {}
+    for name, user in imported.users.items():
+        if name in wanted:
+            users[wanted[name]] = with_settings(users.get(wanted[name], User(wanted[name])), user)
+    imported.users = users
     if wanted != {name: name for name in known}:
-        kept = [k for k, (a, b) in enumerate(zip(ranges.a, ranges.b, strict=True)) if a in wanted and b in wanted]
-        imported.ranges = ranges.rows(kept)
+        numbered = _numbered(ranges)
+        imported.ranges = ranges.rows(numbered.between(np.array([name in wanted for name in numbered.names], bool)))
         imported.ranges.a = [wanted[name] for name in imported.ranges.a]
         imported.ranges.b = [wanted[name] for name in imported.ranges.b]
 
@@ -119,11 +126,14 @@ def _usable(imported: Imported, whose: str, rows: Array) -> Array:
 def _users(imported: Imported, tracks: Mapping[str, Track], asked: Asked) -> dict[str, User]:
     """Everybody: who has a track, and who has ranges and none, which can only be a radio that stands still."""
     users = {name: _moving(imported.users.get(name, User(name))) for name in tracks}
+    numbered = _numbered(imported.ranges)
+    t, distance = np.array(imported.ranges.t), np.array(imported.ranges.distance)
     still, moving = [], []
-    for name in sorted({*imported.ranges.a, *imported.ranges.b, *asked.static} - users.keys()):
+    for name in sorted({*numbered.names, *asked.static} - users.keys()):
         known = imported.users.get(name, User(name))
         if not known.static and name not in asked.static:
-            if moves(_ranges_to(name, imported, tracks)):
+            partners = numbered.partners(name)
+            if moves({of: (tracks[of], t[rows], distance[rows]) for of, rows in partners.items() if of in tracks}):
                 moving.append(name)
                 continue
             still.append(name)
@@ -138,9 +148,9 @@ def _users(imported: Imported, tracks: Mapping[str, Track], asked: Asked) -> dic
             f"{listed(moving)}: ranges and no track, and no place in any device's frame explains them: it moves, and is"
             " left out (--static NAME keeps one that stands still)"
         )
-        here = imported.ranges
-        kept = [k for k, ends in enumerate(zip(here.a, here.b, strict=True)) if not set(ends) & set(moving)]
-        imported.ranges = here.rows(kept)
+        imported.ranges = imported.ranges.rows(
+            numbered.between(np.array([name not in moving for name in numbered.names], bool))
+        )
     return users
 
 
@@ -148,23 +158,40 @@ def _moving(user: User) -> User:
     return replace(user, static=False, position=None, position_sigma=None)
 
 
-def _ranges_to(name: str, imported: Imported, tracks: Mapping[str, Track]) -> dict[str, tuple[Track, Array, Array]]:
-    """Of each device with a track: its track, and t and distance of its ranges to a radio."""
-    found: dict[str, list[int]] = {}
-    ranges = imported.ranges
-    for k, (a, b) in enumerate(zip(ranges.a, ranges.b, strict=True)):
-        if name in (a, b) and (other := b if a == name else a) in tracks:
-            found.setdefault(other, []).append(k)
-    t, distance = np.array(ranges.t), np.array(ranges.distance)
-    return {other: (tracks[other], t[rows], distance[rows]) for other, rows in found.items()}
+class _Numbered(NamedTuple):
+    """Who n ranges are between, by numbers."""
+
+    names: list[str]
+    """Of k devices, sorted."""
+    a: Indices
+    """(n,) index in `names`."""
+    b: Indices
+
+    def between(self, wanted: Mask) -> Mask:
+        """(n,): which ranges are between two of those whom a mask (k,) picks."""
+        return np.asarray(wanted[self.a] & wanted[self.b])
+
+    def partners(self, name: str) -> dict[str, Indices]:
+        """Which ranges a device has with each other one."""
+        own = self.names.index(name) if name in self.names else -1
+        mine = np.flatnonzero((self.a == own) | (self.b == own))
+        other = np.where(self.a[mine] == own, self.b[mine], self.a[mine])
+        return {self.names[k]: mine[other == k] for k in np.unique(other).tolist()}
+
+
+def _numbered(ranges: RangeRows) -> _Numbered:
+    names = sorted({*ranges.a, *ranges.b})
+    index_of = {name: k for k, name in enumerate(names)}
+    a, b = (np.fromiter(map(index_of.__getitem__, end), np.int32, len(end)) for end in (ranges.a, ranges.b))
+    return _Numbered(names, a, b)
 
 
 def _ranges(place: str, imported: Imported, users: tuple[User, ...]) -> Ranges:
     """The ranges in the order of time, without those that cannot be one."""
     rows = imported.ranges
-    index_of = {user.name: k for k, user in enumerate(users)}
-    a, b = (np.array([index_of[name] for name in end], dtype=np.int32) for end in (rows.a, rows.b))
-    t = np.array(rows.t)
+    numbered, index_of = _numbered(rows), {user.name: k for k, user in enumerate(users)}
+    number = np.array([index_of[name] for name in numbered.names], dtype=np.int32)
+    a, b, t = number[numbered.a], number[numbered.b], np.array(rows.t)
     good = (np.abs(t) <= MAX_STAMP) & (a != b)
     if not good.all():
         imported.note(
@@ -173,7 +200,7 @@ def _ranges(place: str, imported: Imported, users: tuple[User, ...]) -> Ranges:
     kept = np.flatnonzero(good)[np.argsort(t[good], kind="stable")]
     numbers = {name: np.array(getattr(rows, name))[kept] for name in ("sigma", "rx_power", "fp_power", "nlos")}
     numbers["sigma"] = _within(numbers["sigma"], MIN_SIGMA, MAX_LENGTH)
-    antennas: dict[str, Indices] = {}
+    antennas: dict[str, Indices] = {"source": np.array(rows.source)[kept].astype(np.int32)}
     for name, who in (("antenna_a", a[kept]), ("antenna_b", b[kept])):
         named = getattr(rows, name)
         antennas[name], unknown = antenna_indices(users, who, [named[k] for k in kept.tolist()])

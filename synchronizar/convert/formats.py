@@ -32,6 +32,8 @@ class Format:
     """`module:function`."""
     suffixes: tuple[str, ...] = ()
     """Of a file that is written: its name says the format."""
+    beside: str = ""
+    """How the name of a file ends that is read with its own files, and is none of them."""
     reader_extra: str = ""
     """What has to be installed to read it."""
     lists: bool = False
@@ -77,7 +79,7 @@ FORMATS = (
     Format("nooploop", "a log of Nooploop LinkTrack frames", "synchronizar.convert.nooploop"),
     Format("pozyx", "a log of Pozyx ranges", "synchronizar.convert.pozyx"),
     Format("euroc", "EuRoC / ASL csv: # timestamp [ns], position, quaternion w x y z", "synchronizar.convert.euroc"),
-    Format("kitti", "KITTI poses, with times", "synchronizar.convert.kitti"),
+    Format("kitti", "KITTI poses, with times", "synchronizar.convert.kitti", beside="times.txt"),
     Format("phone", "poses of an ARKit or ARCore recorder", "synchronizar.convert.phones"),
     Format(
         "tum",

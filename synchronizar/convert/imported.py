@@ -3,65 +3,76 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import compress
+from typing import Any
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Mask
 from synchronizar.data.user import User
+
+
+def _numbers() -> array[float]:
+    return array("d")
 
 
 @dataclass
 class RangeRows:
-    """Ranges as they come, in columns that grow."""
+    """Ranges as they come, in columns that grow; what is not known is NaN, blank, or -1 (`source`)."""
 
-    t: array[float] = field(default_factory=lambda: array("d"))
+    t: array[float] = field(default_factory=_numbers)
     a: list[str] = field(default_factory=list)
     b: list[str] = field(default_factory=list)
-    distance: array[float] = field(default_factory=lambda: array("d"))
-    sigma: array[float] = field(default_factory=lambda: array("d"))
+    distance: array[float] = field(default_factory=_numbers)
+    sigma: array[float] = field(default_factory=_numbers)
     antenna_a: list[str] = field(default_factory=list)
     antenna_b: list[str] = field(default_factory=list)
-    rx_power: array[float] = field(default_factory=lambda: array("d"))
-    fp_power: array[float] = field(default_factory=lambda: array("d"))
-    nlos: array[float] = field(default_factory=lambda: array("d"))
+    rx_power: array[float] = field(default_factory=_numbers)
+    fp_power: array[float] = field(default_factory=_numbers)
+    nlos: array[float] = field(default_factory=_numbers)
+    source: array[float] = field(default_factory=_numbers)
+    """Index in `data.ranges.SOURCES`."""
 
-    def add(
+    def add(self, t: float, a: str, b: str, distance: float, **optional: float) -> None:
+        """Append a range: t s, distance m; sigma m, powers dBm."""
+        self.extend([t], [a], [b], [distance], **{name: [value] for name, value in optional.items()})
+
+    def extend(
         self,
-        t: float,
-        a: str,
-        b: str,
-        distance: float,
-        *,
-        sigma: float = np.nan,
-        antenna_a: str = "",
-        antenna_b: str = "",
-        rx_power: float = np.nan,
-        fp_power: float = np.nan,
-        nlos: float = np.nan,
+        t: Iterable[float],
+        a: Sequence[str],
+        b: Sequence[str],
+        distance: Iterable[float],
+        **optional: Iterable[float] | Iterable[str],
     ) -> None:
-        """Append a range: t s, distance m, sigma m, powers dBm."""
-        self.t.append(t)
-        self.a.append(a)
-        self.b.append(b)
-        self.distance.append(distance)
-        self.sigma.append(sigma)
-        self.antenna_a.append(antenna_a)
-        self.antenna_b.append(antenna_b)
-        self.rx_power.append(rx_power)
-        self.fp_power.append(fp_power)
-        self.nlos.append(nlos)
+        """Append n ranges by columns, those of `optional` where they are known."""
+        n = len(a)
+        for name, values in {"t": t, "a": a, "b": b, "distance": distance}.items():
+            getattr(self, name).extend(values)
+        for name in _OPTIONAL.keys() | optional.keys():
+            getattr(self, name).extend(optional.get(name, [_OPTIONAL[name]] * n))
 
-    def rows(self, which: list[int]) -> RangeRows:
-        """The ranges at these places."""
-        picked = RangeRows()
-        for name, column in vars(self).items():
-            getattr(picked, name).extend(map(column.__getitem__, which))
-        return picked
+    def rows(self, which: Mask) -> RangeRows:
+        """The ranges that a mask (n,) picks."""
+        return RangeRows(**{name: _picked(column, which) for name, column in vars(self).items()})
 
     def __len__(self) -> int:
         return len(self.t)
+
+
+_OPTIONAL: Mapping[str, float | str] = {
+    **dict.fromkeys(("sigma", "rx_power", "fp_power", "nlos"), np.nan),
+    "antenna_a": "",
+    "antenna_b": "",
+    "source": -1.0,
+}
+
+
+def _picked(column: Any, which: Mask) -> Any:
+    picked = compress(column, which.tolist())
+    return list(picked) if isinstance(column, list) else array("d", picked)
 
 
 @dataclass
@@ -85,7 +96,10 @@ class Imported:
 
 
 def merged(parts: Mapping[str, Imported]) -> Imported:
-    """Several sources as one, each under the name of its file; the later one wins where a user has two tracks."""
+    """Several sources as one, each under the name of its file.
+
+    The later one's word counts where two have a track of one user, or a setting; what it does not say stays.
+    """
     whole = Imported()
     for place, part in parts.items():
         for kind in ("tracks", "truth"):
@@ -93,9 +107,20 @@ def merged(parts: Mapping[str, Imported]) -> Imported:
             for name in known.keys() & new.keys():
                 whole.note(f"{place}: {name} had a track from another file, which this one replaces")
             known.update(new)
-        whole.users.update(part.users)
+        for name, user in part.users.items():
+            known = with_settings(whole.users.get(name, user), user)
+            whole.users[name] = replace(known, up=user.up) if name in part.tracks else known
         for column in vars(whole.ranges):
             getattr(whole.ranges, column).extend(getattr(part.ranges, column))
         for text in part.notes:
             whole.note(text if len(parts) == 1 else f"{place}: {text}")
     return whole
+
+
+def with_settings(known: User, new: User) -> User:
+    """A user with those settings of `new` that differ from what a user has by itself."""
+    plain = User(known.name)
+    said = {f.name for f in fields(User) if f.name != "name" and getattr(new, f.name) != getattr(plain, f.name)}
+    if "position" in said:
+        said.add("position_sigma")
+    return replace(known, **{name: getattr(new, name) for name in said})

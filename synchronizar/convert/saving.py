@@ -10,7 +10,10 @@ from tempfile import mkdtemp
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.errors import InputError, os_faults
+from synchronizar.io.recording_folder import is_recording
 from synchronizar.io.tum import write_tum
+
+_PARTS = ("tracks", "truth", "ranges.csv", "recording.toml")
 
 
 def check_place(out: Path, replace: bool) -> None:
@@ -30,15 +33,11 @@ def check_place(out: Path, replace: bool) -> None:
             raise InputError(out, "is a file: a recording is a folder")
 
 
-def is_recording(folder: Path) -> bool:
-    """Whether a folder looks like one that `Recording.save` wrote."""
-    return (folder / "ranges.csv").is_file() and (folder / "tracks").is_dir()
-
-
 def save(recording: Recording, truth: Mapping[str, Track], out: Path) -> None:
-    """Write the folder beside its place, and move it there once it is whole.
+    """Write the recording beside its place, and move it there once it is whole.
 
-    Raises InputError where it cannot be written; what stood there stands there still then.
+    Of one that stood there nothing is left, but what else is in its folder stays. Raises InputError where it cannot be
+    written; what stood there stands there still then.
     """
     with os_faults(out.parent):
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -52,13 +51,23 @@ def save(recording: Recording, truth: Mapping[str, Track], out: Path) -> None:
             for name, track in truth.items():
                 write_tum(made / "truth" / f"{name}.tum", track, recording.users[recording.index(name)].up)
         with os_faults(out):
-            if out.is_dir():
-                out.rename(folder / "old")
-            try:
-                made.rename(out)
-            except OSError:
-                if (folder / "old").exists():
-                    (folder / "old").rename(out)
-                raise
+            out.mkdir(exist_ok=True)
+            _exchange(made, out, folder / "old")
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _exchange(made: Path, out: Path, old: Path) -> None:
+    """Move the parts of the recording in `out` to `old`, and those in `made` to `out`; or nothing."""
+    old.mkdir()
+    moved: list[tuple[Path, Path]] = []
+    try:
+        for folder, to in ((out, old), (made, out)):
+            for name in _PARTS:
+                if (folder / name).exists():
+                    (folder / name).rename(to / name)
+                    moved.append((folder / name, to / name))
+    except OSError:
+        for here, there in reversed(moved):
+            there.rename(here)
+        raise

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from synchronizar.convert.saving import is_recording
 from synchronizar.data.exported import Exported
 from synchronizar.errors import InputError, os_faults
+from synchronizar.io.recording_folder import is_recording
 from synchronizar.io.tum import write_tum
 
 

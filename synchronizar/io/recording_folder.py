@@ -52,6 +52,12 @@ def save_recording(recording: Recording, folder: Path) -> None:
     write_recording_toml(folder / "recording.toml", recording.users)
 
 
+def is_recording(folder: Path) -> bool:
+    """Whether a folder looks like one that `save_recording` wrote. Raises InputError where it cannot be looked into."""
+    with os_faults(folder):
+        return (folder / "ranges.csv").is_file() and (folder / "tracks").is_dir()
+
+
 def entries_of(folder: Path) -> list[Path]:
     """Entries of a folder, sorted by name."""
     with os_faults(folder):

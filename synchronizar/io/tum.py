@@ -68,12 +68,16 @@ def write_tum(path: Path, track: Track, up: Up = "z") -> None:
 
     Raises InputError where the file cannot be written.
     """
-    own_from_z_up = YawFrame(up_a=up)
-    position, quat_xyzw = own_from_z_up @ track.position, own_from_z_up.rotate_quaternions(track.quat_xyzw)
-    if up == "z":
-        position, quat_xyzw = track.position, track.quat_xyzw
     with os_faults(path):
-        np.savetxt(path, np.column_stack([track.t, position, quat_xyzw]), fmt="%.9f")
+        np.savetxt(path, rows_of_track(track, up), fmt="%.9f")
+
+
+def rows_of_track(track: Track, up: Up) -> Array:
+    """(n, 8) t x y z qx qy qz qw of a z-up track, in a frame with `up` as its vertical axis."""
+    if up == "z":
+        return np.column_stack([track.t, track.position, track.quat_xyzw])
+    own = YawFrame(up_a=up)  # from z up
+    return np.column_stack([track.t, own @ track.position, own.rotate_quaternions(track.quat_xyzw)])
 
 
 def _read_rows(path: Path) -> Array:
