@@ -66,7 +66,7 @@ def read(path: Path, asked: Asked, progress: Progress) -> Imported:
             log.imported.users[anchor] = User(anchor, static=True)
             places[anchor] = place
     add_surveyed(log.imported, places)
-    return log.read(skipped)
+    return log.read("022E[7.94,8.03,0.00]=3.38 or DIST,1,AN0,022E,7.94,8.03,0.00,3.38", skipped)
 
 
 def _of_les(path: Path, number: int, line: str) -> list[_ToAnchor]:

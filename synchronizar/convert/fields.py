@@ -109,20 +109,20 @@ def json_fields(schema: Mapping[str, Any]) -> Iterator[Field]:
     definitions = {
         f"#/{place}/{name}": of
         for place in ("$defs", "definitions")
-        for name, of in schema.get(place, {}).items()
+        for name, of in _mapping(schema.get(place)).items()
         if isinstance(of, Mapping)
     }
     yield from _json_fields(schema, "", _DEEPEST, definitions)
 
 
 def _json_fields(schema: Mapping[str, Any], path: str, depth: int, definitions: Mapping[str, Any]) -> Iterator[Field]:
-    for name, of in schema.get("properties", {}).items():
+    for name, of in _mapping(schema.get("properties")).items():
         yield from _json_field(of, f"{path}{name}", depth, definitions)
 
 
 def _json_field(schema: Any, path: str, depth: int, definitions: Mapping[str, Any]) -> Iterator[Field]:
-    schema = schema if isinstance(schema, Mapping) else {}
-    schema = definitions.get(schema.get("$ref"), schema)
+    schema = _mapping(schema)
+    schema = definitions.get(str(schema.get("$ref")), schema)
     kind = schema.get("type")
     if kind == "object" and depth:
         yield from _json_fields(schema, f"{path}.", depth - 1, definitions)
@@ -131,6 +131,11 @@ def _json_field(schema: Any, path: str, depth: int, definitions: Mapping[str, An
     else:
         kinds = {"number": "float", "integer": "integer", "string": "text", "boolean": "truth"}
         yield Field(path, kinds.get(str(kind), "other"))
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    """What is no object in a schema says nothing."""
+    return value if isinstance(value, Mapping) else {}
 
 
 def fields_of_value(value: Any, path: str = "", depth: int = 5) -> Iterator[Field]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from array import array
 from collections import Counter
 from pathlib import Path
@@ -9,20 +10,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar.arrays import Array
 from synchronizar.convert.asked import Asked
 from synchronizar.convert.assembling import Assembled, assemble, listed
 from synchronizar.convert.formats import FORMATS, READ, Format, format_named
 from synchronizar.convert.imported import Imported, merged
 from synchronizar.convert.source import Source
 from synchronizar.data.recording import Recording
-from synchronizar.data.track import Track
+from synchronizar.data.user import User
 from synchronizar.errors import InputError
-from synchronizar.geometry import YawFrame
 from synchronizar.io.recording_folder import entries_of, track_files
-from synchronizar.io.tum import read_tum
+from synchronizar.io.tum import read_tum, rows_of_track
 from synchronizar.progress import Progress, stage, unheard
 
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _DEEPEST = 4
 """Folders within a folder that are looked into."""
 
@@ -47,14 +47,20 @@ def parts_of(path: Path, named: str | None) -> tuple[list[Part], list[Path]]:
     if own is not None:
         return [Part(path, own)], []
     if not source.is_folder:
-        raise InputError(path, f"is of no format that is known: say --from, one of {', '.join(READ)}")
+        if not source.head:
+            raise InputError(path, "is empty")
+        if source.head.startswith(_UTF_16):
+            raise InputError(path, "is text in UTF-16: save it as UTF-8")
+        known = ", ".join(READ)
+        raise InputError(path, f"is of no format that is known: say --from, and what is wrong is told; one of {known}")
     parts: list[Part] = []
     unknown: list[Path] = []
     _look(source, candidates, _DEEPEST, parts, unknown)
     if not parts:
         asked = f"in the format {named}" if named is not None else f"of a format that is known ({', '.join(READ)})"
         raise InputError(path, f"holds no file {asked}")
-    return parts, unknown
+    beside = tuple(part.format.beside for part in parts if part.format.beside)
+    return parts, [file for file in unknown if not file.name.endswith(beside)]
 
 
 def read_parts(path: Path, parts: list[Part], unknown: list[Path], asked: Asked, progress: Progress) -> Imported:
@@ -76,11 +82,14 @@ def read_parts(path: Path, parts: list[Part], unknown: list[Path], asked: Asked,
 
 
 def _shift(imported: Imported, offset: float) -> None:
-    """Add an offset (s) to all stamps."""
-    if offset:
-        for rows in imported.tracks.values():
-            rows[:, 0] += offset
-        imported.ranges.t = array("d", (t + offset for t in imported.ranges.t))
+    """Add an offset (s) to all stamps; those of radios that stand still tell nothing."""
+    if not offset:
+        return
+    shift = np.array([offset, *[0.0] * 7])
+    still = {name for name, user in imported.users.items() if user.static}
+    imported.tracks = {name: rows + shift for name, rows in imported.tracks.items()}
+    imported.truth = {name: rows if name in still else rows + shift for name, rows in imported.truth.items()}
+    imported.ranges.t = array("d", (np.array(imported.ranges.t) + offset).tobytes())
 
 
 def listing(part: Part, asked: Asked) -> str:
@@ -97,9 +106,9 @@ def listing(part: Part, asked: Asked) -> str:
 
 
 def recording_of(path: Path, imported: Imported, asked: Asked, added_to: Path | None) -> Assembled:
-    """The recording, with what `added_to` holds where that is a recording that is added to."""
+    """The recording, with what the one at `added_to` holds where it is added to one."""
     if added_to is not None:
-        imported = merged({added_to.name: _imported_of(added_to), path.name: imported})
+        imported = merged({added_to.name: _imported_of(added_to, imported), path.name: imported})
     return assemble(str(path), imported, asked)
 
 
@@ -122,34 +131,30 @@ def _look(folder: Source, candidates: list[Format], depth: int, parts: list[Part
             _look(source, candidates, depth - 1, parts, unknown)
 
 
-def _imported_of(folder: Path) -> Imported:
-    """A recording as if it had been imported."""
+def _imported_of(folder: Path, added: Imported) -> Imported:
+    """A recording as if it had been imported; its truth has the axes that tracks have after another was added."""
     recording = Recording.load(folder)
     names = [user.name for user in recording.users]
     imported = Imported(users={user.name: user for user in recording.users})
     for user in recording.users:
         if not user.static:
-            imported.tracks[user.name] = _rows(recording.tracks[user.name], user.up)
+            imported.tracks[user.name] = rows_of_track(recording.tracks[user.name], user.up)
     if folder / "truth" in entries_of(folder):
         for name, file in track_files(folder / "truth").items():
-            up = imported.users[name].up if name in imported.users else "z"
-            imported.truth[name] = _rows(read_tum(file, up), up)
+            own = imported.users.get(name, User(name))
+            later = added.users.get(name, own) if name in added.tracks else own
+            imported.truth[name] = rows_of_track(read_tum(file, own.up), later.up)
     ranges = recording.ranges
-    rows = imported.ranges
-    for column in ("t", "distance", "sigma", "rx_power", "fp_power", "nlos"):
-        getattr(rows, column).extend(getattr(ranges, column).tolist())
-    for end in ("a", "b"):
-        who, antenna = getattr(ranges, end).tolist(), getattr(ranges, f"antenna_{end}").tolist()
-        getattr(rows, end).extend(names[u] for u in who)
-        getattr(rows, f"antenna_{end}").extend(
-            list(recording.users[u].antennas)[k] if k >= 0 else "" for u, k in zip(who, antenna, strict=True)
-        )
+    numbers = {name: getattr(ranges, name).tolist() for name in ("sigma", "rx_power", "fp_power", "nlos", "source")}
+    a, b = ([names[u] for u in end.tolist()] for end in (ranges.a, ranges.b))
+    antennas = [[*user.antennas, ""] for user in recording.users]  # -1 is the last, the blank
+    antenna_a, antenna_b = (
+        [antennas[u][k] for u, k in zip(who.tolist(), antenna.tolist(), strict=True)]
+        for who, antenna in ((ranges.a, ranges.antenna_a), (ranges.b, ranges.antenna_b))
+    )
+    imported.ranges.extend(
+        ranges.t.tolist(), a, b, ranges.distance.tolist(), antenna_a=antenna_a, antenna_b=antenna_b, **numbers
+    )
+    for finding in recording.findings:
+        imported.note(f"{finding.message}, and is left out: {finding.remedy}")
     return imported
-
-
-def _rows(track: Track, up: str) -> Array:
-    """(n, 8) poses in the axes of its file."""
-    own = YawFrame(up_a="y" if up == "y" else "z")
-    if up == "z":
-        return np.column_stack([track.t, track.position, track.quat_xyzw])
-    return np.column_stack([track.t, own @ track.position, own.rotate_quaternions(track.quat_xyzw)])

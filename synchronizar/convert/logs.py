@@ -58,10 +58,10 @@ class Log:
             self._path, "has no time: log a stamp before each line, or say --rate HZ (and --time-offset)", line
         )
 
-    def read(self, skipped: int = 0) -> Imported:
-        """All that was in it, but for so many lines. Raises InputError where that is no range."""
+    def read(self, like: str, skipped: int = 0) -> Imported:
+        """All that was in it, but for so many lines. Raises InputError, which says what a range is like, for none."""
         if not len(self.imported.ranges):
-            raise InputError(self._path, "has no range")
+            raise InputError(self._path, f"has no range: one is like {like}")
         if skipped:
             self.imported.note(f"{skipped} lines of {self._path.name} are no ranges and skipped")
         return self.imported

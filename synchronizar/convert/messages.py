@@ -36,8 +36,10 @@ def broken(path: Path | str, remedy: str) -> Iterator[None]:
     """Whatever the libraries that decode a file raise where it is broken, as an InputError that names it."""
     try:
         yield
-    except (InputError, ModuleNotFoundError, MemoryError):
+    except (InputError, ModuleNotFoundError):
         raise
+    except MemoryError as error:
+        raise InputError(path, f"is broken, or there is not enough memory for it ({remedy})") from error
     except Exception as error:
         raise InputError(path, f"is broken: {_fault(error)} ({remedy})") from error
 
@@ -126,8 +128,11 @@ def _take_all(
         for count, (name, logged, decode, share) in enumerate(messages.read(takers)):
             try:
                 takers[name].take(logged, decode)
+            except MemoryError:
+                raise
             except Exception as error:
-                raise ValueError(f"a message of {name}: {_fault(error)}") from error
+                fault = f"a message of {name}, logged at {logged:.9g} s, cannot be read: {_fault(error)}"
+                raise InputError(place, f"{fault} (--topic '{name} skip' leaves the topic out)") from error
             if count % _STEP == 0:
                 furthest = max(furthest, share)
                 progress(min(furthest, 1.0))
@@ -199,7 +204,7 @@ def _name_radios(imported: Imported, said: Mapped, asked: Asked, topics: list[Ra
         imported.note(
             f"{unclear} ranges do not say who measured them and are left out (--topic 'NAME a=DEVICE' says it)"
         )
-        imported.ranges = ranges = ranges.rows([k for k, name in enumerate(ranges.a) if name != "?"])
+        imported.ranges = ranges = ranges.rows(np.array([name != "?" for name in ranges.a]))
     renamed = {radio: user for radio, user in of.items() if radio != user}
     if renamed:
         imported.note("radios' places on devices are not known: they are taken to be at the origins of the poses")

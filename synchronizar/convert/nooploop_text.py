@@ -39,7 +39,7 @@ def read(path: Path, asked: Asked, progress: Progress) -> Imported:
         _read_csv(log, path, asked, progress)
     else:
         _read_yaml(log, path, asked, progress)
-    return log.read()
+    return log.read("dis: 2.25 below nodes:, or a column field.nodes0.dis")
 
 
 def _is_csv(header: str) -> bool:

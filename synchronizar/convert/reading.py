@@ -13,6 +13,7 @@ from synchronizar.convert.guess import PoseRole, RangeRole, kind_of
 Pose = tuple[float, float, float, float, float, float, float]
 """x y z (in the unit of the message), qx qy qz qw."""
 
+ANTENNAS = ("antenna_a", "antenna_b")
 LONGEST_RANGE = 300.0
 """m: numbers of which most are larger are millimetres."""
 
@@ -51,7 +52,8 @@ class ReadRange(NamedTuple):
     distance: float
     a: str
     b: str
-    optional: dict[str, Any]
+    optional: dict[str, float | str]
+    """sigma in the unit of the distance, powers in dBm, nlos; NaN where not known. Names of antennas; or blank."""
 
 
 class RangeReader:
@@ -82,15 +84,16 @@ class RangeReader:
         optional = {name: of(message) for name, of in self._optional.items()}
         found = []
         for k, value in enumerate(several):
-            distance = np.nan if value is None else float(value)
+            distance = _number(value)
             if distance == 0.0 and not self._zero_counts:
                 self.empty += 1
                 continue
-            own = {name: of[k] if isinstance(of, list) and k < len(of) else of for name, of in optional.items()}
+            own = {name: _optional(name, _of_item(of, k)) for name, of in optional.items()}
             found.append(ReadRange(distance, _item(a, k, ""), _item(b, k, self._indexed), own))
             if self._place is not None:
-                x, y, z = (of(message) for of in self._place)
-                self.places[found[-1].b] = (x[k], y[k], z[k]) if isinstance(x, list) else (x, y, z)
+                x, y, z = (_number(_of_item(of(message), k)) for of in self._place)
+                if np.isfinite([x, y, z]).all():
+                    self.places[found[-1].b] = x, y, z
         return found
 
 
@@ -101,6 +104,24 @@ def likely_unit(role: RangeRole, distances: Sequence[float]) -> tuple[str, str]:
     is_integer = kind_of(role.topic, role.value) == "integer"
     unit = "mm" if is_integer or (len(known) and np.median(known) > LONGEST_RANGE) else "m"
     return unit, "integers" if is_integer else f"{np.median(known):.6g} in the median" if len(known) else "none"
+
+
+def _number(value: Any) -> float:
+    """NaN for null: JSON has no other."""
+    return np.nan if value is None else float(value)
+
+
+def _of_item(of: Any, k: int) -> Any:
+    """The value of a list's k-th item, where each has its own."""
+    if not isinstance(of, list):
+        return of
+    return of[k] if k < len(of) else None
+
+
+def _optional(name: str, value: Any) -> float | str:
+    if name in ANTENNAS:
+        return "" if value is None else str(value)
+    return _number(value)
 
 
 def _end(end: str) -> Callable[[Any], Any]:

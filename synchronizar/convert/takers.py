@@ -100,6 +100,7 @@ class Ranges:
         self.a: list[str] = []
         self.b: list[str] = []
         self.optional: dict[str, list[Any]] = {name: [] for name in role.optional}
+        """Of each range: sigma in the distance's unit, powers in dBm, nlos, antennas' names."""
         self._reader = RangeReader(role)
 
     def take(self, logged: float, decode: Decode) -> None:
@@ -117,19 +118,11 @@ class Ranges:
 
     def add_to(self, imported: Imported, t: Array, asked: Asked) -> None:
         """Add them, in metres."""
-        distance = np.array(self.distance) * self._metres(imported, asked)
-        numbers = {name: np.array(self.optional.get(name, [])) for name in ("sigma", "rx_power", "fp_power", "nlos")}
-        ranges = imported.ranges
-        n = len(distance)
-        ranges.t.extend(t.tolist())
-        ranges.distance.extend(distance.tolist())
-        ranges.a.extend(self.a)
-        ranges.b.extend(self.b)
-        for name, of in numbers.items():
-            getattr(ranges, name).extend(of.astype(float).tolist() if len(of) == n else [np.nan] * n)
+        metres = self._metres(imported, asked)
+        lengths = {"sigma": [metres * sigma for sigma in self.optional["sigma"]]} if "sigma" in self.optional else {}
+        distance = (metres * np.array(self.distance)).tolist()
+        imported.ranges.extend(t.tolist(), self.a, self.b, distance, **self.optional | lengths)
         self._survey(imported)
-        for name in ("antenna_a", "antenna_b"):
-            getattr(ranges, name).extend(map(str, self.optional.get(name, [""] * n)))
         if self._reader.empty:
             what = f"{self._reader.empty} distances of 0 in {self.topic}"
             imported.note(f"{what} are no measurements and left out")

@@ -27,18 +27,12 @@ COLUMNS = "t x y z qx qy qz qw"
 
 
 def recognises(source: Source) -> bool:
-    """Lines of eight numbers, of which the last four are a quaternion."""
+    """Lines of eight numbers, of which the last four are a quaternion in most: SLAM that is lost may write nan."""
     lines = [line for line in source.lines if not line.startswith("#")]
-    return bool(lines) and all(map(_is_pose, lines))
-
-
-def _is_pose(line: str) -> bool:
-    words = line.split(",") if "," in line else line.split()
-    return (
-        len(words) == 8
-        and all(map(is_number, map(str.strip, words)))
-        and 0.9 < sum(float(q) ** 2 for q in words[4:]) < 1.1
-    )
+    rows = [[word.strip() for word in (line.split(",") if "," in line else line.split())] for line in lines]
+    if not all(len(row) == 8 and all(map(is_number, row)) for row in rows):
+        return False
+    return sum(0.9 < sum(float(q) ** 2 for q in row[4:]) < 1.1 for row in rows) > len(rows) / 2
 
 
 def read(path: Path, asked: Asked, progress: Progress) -> Imported:

@@ -15,10 +15,11 @@ MIN_SIGMA = 1e-6
 """m: a smaller standard deviation is not plausible, and its square would leave no digits for anything else."""
 
 QUOTED_CHARACTERS = 40
+_NOT_UTF_8 = "\ufffd"
 
 
 def open_text(path: Path) -> TextIO:
-    """The file opened as text; bytes that are not UTF-8 become U+FFFD, which is in no number or name."""
+    """The file opened as text; bytes that are not UTF-8 become U+FFFD, which is in no number and in no name."""
     return path.open(encoding="utf-8-sig", errors="replace")
 
 
@@ -43,4 +44,5 @@ def is_number(text: str) -> bool:
 
 def is_name(text: str) -> bool:
     """Whether the text can name a user or an antenna: as a value in a column, as a key, and as a file name."""
-    return text.isprintable() and text == text.strip() and text[:1] not in ("", ".") and not set(text) & set("/\\")
+    is_plain_text = text.isprintable() and text == text.strip() and not set(text) & {"/", "\\", _NOT_UTF_8}
+    return is_plain_text and text[:1] not in ("", ".")

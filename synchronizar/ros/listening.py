@@ -13,7 +13,7 @@ from synchronizar.convert.asked import LENGTH_UNITS, Asked
 from synchronizar.convert.fields import Topic
 from synchronizar.convert.guess import PoseRole, RangeRole, Roles, preferred, roles_of
 from synchronizar.convert.mapping import Mapped
-from synchronizar.convert.reading import Pose, PoseReader, RangeReader, ReadRange, likely_unit
+from synchronizar.convert.reading import Pose, PoseReader, RangeReader, likely_unit
 from synchronizar.convert.track_file import poses_as_asked
 from synchronizar.geometry import Up
 from synchronizar.io.text import MAX_LENGTH, MIN_SIGMA
@@ -256,7 +256,8 @@ class Listening:
             if read.metres is None:
                 self._judge_unit(topic, read, one.distance)
             if read.metres is not None:
-                yield HeardRange(stamp, arrived, topic, one.a, one.b, read.metres * one.distance, _optional(one))
+                known = _known(one.optional, read.metres)
+                yield HeardRange(stamp, arrived, topic, one.a, one.b, read.metres * one.distance, known)
 
     def _judge_unit(self, topic: str, read: RangeTopic, distance: float) -> None:
         read.seen.append(distance)
@@ -279,18 +280,18 @@ class Listening:
         return [Wanted(topic.name, topic.type, False) for topic in chosen]
 
 
-def _optional(one: ReadRange) -> dict[str, Any]:
-    """What a room takes of it."""
-    found: dict[str, Any] = {}
-    for name, value in one.optional.items():
-        if value is None:
+def _known(optional: Mapping[str, float | str], metres: float) -> dict[str, float | str | bool]:
+    """What a room takes of it; `metres`: in one of the distance's unit."""
+    found: dict[str, float | str | bool] = {}
+    for name, value in optional.items():
+        if isinstance(value, str):
+            found |= {name: value} if value else {}
+        elif not np.isfinite(value):
             continue
-        if name in ("antenna_a", "antenna_b"):
-            found[name] = str(value)
         elif name == "nlos":
             found[name] = bool(value)
-        elif np.isfinite(number := float(value)) and (name != "sigma" or number >= MIN_SIGMA):
-            found[name] = number
+        elif name != "sigma" or metres * value >= MIN_SIGMA:
+            found[name] = metres * value if name == "sigma" else value
     return found
 
 

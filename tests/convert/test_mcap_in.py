@@ -156,8 +156,39 @@ def test_a_message_that_lacks_a_field_is_one_line_with_its_topic(
     file = write(tmp_path / "a.mcap", {"/p": ("json", "Pose", schema)}, [("/p", 5.0, json.dumps(value).encode())])
     assert main(["convert", str(file), str(tmp_path / "out")]) == 2
     err = capsys.readouterr().err
-    assert "a.mcap: is broken: a message of /p: has no 'orientation'" in err
+    assert (
+        "a.mcap: a message of /p, logged at 5 s, cannot be read: has no 'orientation' (--topic '/p skip' leaves" in err
+    )
     assert err.count("\n") == 1
+
+
+def test_a_value_that_is_no_number_is_one_line_and_null_is_not_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def convert(nlos: object, x: object) -> str:
+        value = {"time": 1.0, "from_id": "a", "to_id": "b", "distance": 2.0}
+        messages = [
+            value | {"nlos": n, "anchor_position": {"x": at, "y": 1, "z": 2}} for n, at in ((1, 0.5), (nlos, x))
+        ]
+        data = [("/uwb", 1.0 + k, json.dumps(message).encode()) for k, message in enumerate(messages)]
+        file = write(tmp_path / "a.mcap", {"/uwb": ("json", "", b"")}, data)
+        status = main(["convert", str(file), str(tmp_path / "out"), "--force", "--topic", "/uwb nlos=nlos"])
+        told = capsys.readouterr().err
+        assert (status, told.count("\n")) in ((0, 0), (2, 1))
+        return told
+
+    assert "a message of /uwb, logged at 2 s, cannot be read: could not convert" in convert("blocked", 0.5)
+    assert "a message of /uwb, logged at 2 s, cannot be read: could not convert" in convert(1, "here")
+    assert convert(None, None) == ""
+    assert "position = [0.5, 1.0, 2.0]" in (tmp_path / "out" / "recording.toml").read_text()
+    assert [line.split(",")[-1] for line in (tmp_path / "out" / "ranges.csv").read_text().split()] == ["nlos", "1", ""]
+
+
+@pytest.mark.parametrize("schema", [b"[1]", b'{"properties": 5}', b'{"properties": {}, "$defs": 1}'])
+def test_a_schema_that_is_none_says_nothing(tmp_path: Path, schema: bytes) -> None:
+    data = json.dumps({"time": 1.0, "from_id": "a", "to_id": "b", "distance": 2.0}).encode()
+    imported = read(write(tmp_path / "a.mcap", {"/uwb": ("json", "Uwb", schema)}, [("/uwb", 1.0, data)]))
+    assert list(imported.ranges.distance) == [2.0]
 
 
 def test_messages_in_another_encoding_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

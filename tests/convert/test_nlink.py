@@ -11,6 +11,7 @@ from synchronizar.cli import main
 from synchronizar.convert.asked import Asked
 from synchronizar.convert.imported import Imported
 from synchronizar.convert.importing import parts_of
+from synchronizar.convert.nlink import Frames
 from synchronizar.progress import unheard
 
 NODE, ANCHOR, TAG = 0, 1, 2
@@ -122,3 +123,10 @@ def test_a_stream_without_a_range_is_refused_in_one_line(tmp_path: Path, capsys:
         err = capsys.readouterr().err
         assert fault in err
         assert err.count("\n") == 1
+
+
+def test_headers_without_end_take_no_longer_than_other_bytes() -> None:
+    # Each of them claims a frame of 65,535 bytes: added up one by one they are 1.6e10 of them.
+    frames = Frames(b"\x55\x02\xff\xff" * 250_000)
+    assert list(frames.ranges()) == []
+    assert frames.skipped == 1_000_000

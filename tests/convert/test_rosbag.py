@@ -85,6 +85,7 @@ def test_integers_are_millimetres_and_ids_are_those_of_devices_with_the_same_num
     assert list(imported.ranges.distance) == pytest.approx([4.321])
     assert any("taken to be in mm" in note for note in imported.notes)
     assert list(read(bag, range_unit="cm").ranges.distance) == pytest.approx([43.21])
+    assert list(read(bag, topics=["/uwb sigma=std"]).ranges.sigma) == pytest.approx([1e-4])
 
 
 def test_a_map_says_whose_radios_are_and_where_their_antennas(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -302,13 +303,19 @@ def test_a_recording_is_added_to_and_never_overwritten_unasked(
         ("a.log", LEC.replace("3.44", "3.4x"), r"a.log:1: DIST,2 needs 2 anchors"),
         ("a.csv", "t,x,y,z\n1,2,three,4\n", r"a.csv:2: y is 'three': it must be a number"),
         ("a.txt", "once upon a time\n", r"a.txt: is of no format that is known: say --from"),
-        ("a.txt", "", r"a.txt: is of no format that is known"),
+        ("a.txt", "", r"a.txt: is empty"),
+        (
+            "a.csv",
+            codecs.BOM_UTF16_LE + "t,x,y,z\n1,2,3,4\n".encode("utf-16-le"),
+            r"a.csv: is text in UTF-16: save it as UTF-8",
+        ),
+        ("a.csv", "t,a,b,range\n1,José,b,4\n".encode("latin-1"), "a.csv: 'Jos\ufffd' cannot be a user's name"),
     ],
 )
 def test_bad_input_is_one_line_with_place_and_fault(
-    tmp_path: Path, name: str, text: str, told: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, name: str, text: str | bytes, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / name).write_text(text)
+    (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     assert main(["convert", str(tmp_path / name), str(tmp_path / "out")]) == 2
     err = capsys.readouterr().err
     assert told in err
@@ -359,3 +366,30 @@ def test_a_radio_that_rides_along_is_found_to_move_and_one_on_the_wall_to_stand(
     assert moves({"alice": (track, t, wall)}) is False
     assert moves({"alice": (track, t, rider + noise)}) is True
     assert moves({"alice": (track, t[:5], wall[:5])}) is None
+
+
+def test_times_that_were_read_with_their_poses_are_not_told_to_be_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for name, text in (("alice.txt", KITTI), ("times.txt", "0\n0.1\n"), ("readme.txt", "in the hall\n")):
+        (folder / name).write_text(text)
+    assert main(["convert", str(folder), str(tmp_path / "walk")]) == 0
+    assert "and left out: readme.txt\n" in capsys.readouterr().out
+
+
+def test_a_track_that_says_nan_where_it_was_lost_is_known_for_one(tmp_path: Path) -> None:
+    rows = read(tmp_path, "1 0 0 0 0 0 0 1\n2 nan nan nan nan nan nan nan\n3 1 0 0 0 0 0 1\n").tracks["alice"]
+    assert np.isnan(rows[:, 1]).tolist() == [False, True, False]
+
+
+def test_times_of_the_day_go_on_past_midnight(tmp_path: Path) -> None:
+    lines = [LEC.replace("1700000000.25", stamp) for stamp in ("23:59:59.5", "00:00:00.5", "00:00:01.5")]
+    assert read(tmp_path, "".join(lines)).ranges.t.tolist()[::2] == [86399.5, 86400.5, 86401.5]
+
+
+@pytest.mark.parametrize(("header", "sigma"), [("range_mm,sigma", 0.05), ("range_mm,sigma_m", 50.0)])
+def test_a_tables_sigma_has_its_own_unit_or_that_of_its_ranges(tmp_path: Path, header: str, sigma: float) -> None:
+    ranges = read(tmp_path, f"t,a,b,{header}\n1,x,y,2500,50\n", sigma=True).ranges
+    assert (list(ranges.distance), list(ranges.sigma)) == ([2.5], [sigma])
