@@ -6,6 +6,9 @@ import re
 import subprocess
 import sys
 import tarfile
+from collections.abc import Mapping
+from email import message_from_bytes
+from email.message import Message
 from fnmatch import fnmatch
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +24,9 @@ BUILT_FROM = {
     "firmware/sim": {".cpp", ".h"},
     "firmware/targets/host": {".cpp", ".h"},
 }
-BESIDE = {"CMakeLists.txt", "LICENSE", "README.md", "pyproject.toml", "firmware/CMakeLists.txt", "tests/smoke.py"}
+METADATA = {"pyproject.toml", "README.md", "LICENSE", "tools/long_description.py"}
+BESIDE = METADATA | {"CMakeLists.txt", "firmware/CMakeLists.txt", "tests/smoke.py"}
+ADDRESS = "https://forge.example/team/synchronizar"
 
 
 def git(folder: Path, *arguments: str) -> str:
@@ -38,11 +43,30 @@ def by_the_backend(folder: Path, function: str, out: Path) -> str:
     return run.stdout.split()[-1]
 
 
-def version_of(folder: Path) -> str:
-    """The version that a wheel of a folder would have."""
+def metadata_of(folder: Path) -> Message:
+    """What a wheel of a folder would say of itself."""
     with TemporaryDirectory() as out:
         made = by_the_backend(folder, "prepare_metadata_for_build_wheel", Path(out))
-    return made.removeprefix("synchronizar-").removesuffix(".dist-info")
+        return message_from_bytes((Path(out) / made / "METADATA").read_bytes())
+
+
+def version_of(folder: Path) -> str:
+    """The version that a wheel of a folder would have."""
+    version: str = metadata_of(folder)["Version"]
+    return version
+
+
+def write_metadata_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """What a build's metadata are made of."""
+    for name, data in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+
+
+def description(metadata: Message) -> str:
+    payload = metadata.get_payload()
+    assert isinstance(payload, str)
+    return payload
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +106,7 @@ def test_the_sdist_is_small(sdist: dict[str, bytes]) -> None:
 
 
 def test_the_sdist_knows_its_version_without_git(sdist: dict[str, bytes], tmp_path: Path) -> None:
-    for name in ("pyproject.toml", "README.md", "LICENSE", "PKG-INFO"):
-        (tmp_path / name).write_bytes(sdist[name])
+    write_metadata_files(tmp_path, {name: sdist[name] for name in METADATA | {"PKG-INFO"}})
     told = dict(line.split(": ", 1) for line in sdist["PKG-INFO"].decode().split("\n\n")[0].split("\n"))
     assert version_of(tmp_path) == told["Version"]
 
@@ -91,8 +114,8 @@ def test_the_sdist_knows_its_version_without_git(sdist: dict[str, bytes], tmp_pa
 def test_the_version_comes_from_tags(tmp_path: Path) -> None:
     clone = tmp_path / "clone"
     clone.mkdir()
-    for name in ("pyproject.toml", "README.md", "LICENSE", ".gitattributes", ".git_archival.txt"):
-        (clone / name).write_bytes((REPOSITORY / name).read_bytes())
+    named = METADATA | {".gitattributes", ".git_archival.txt"}
+    write_metadata_files(clone, {name: (REPOSITORY / name).read_bytes() for name in named})
     assert version_of(clone) == "0.0"  # a bare copy
 
     git(clone, "init", "--quiet")
@@ -112,6 +135,36 @@ def test_the_version_comes_from_tags(tmp_path: Path) -> None:
 
     git(clone, "commit", "--quiet", "--allow-empty", "--message", "second")
     assert version_of(clone).startswith("1.2.1.dev1+g")
+
+
+def test_what_the_readme_leads_to_is_reached_from_a_package_index_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    files = {name: (REPOSITORY / name).read_bytes() for name in METADATA}
+    write_metadata_files(tmp_path, files)
+    plain = metadata_of(tmp_path)
+    assert (description(plain), plain.get_all("Project-URL")) == (readme, None)  # a clone that is nowhere published
+
+    git(tmp_path, "init", "--quiet")
+    git(tmp_path, "commit", "--quiet", "--allow-empty", "--message", "first")
+    git(tmp_path, "tag", "v1.2.0")
+    monkeypatch.setenv("SYNCHRONIZAR_REPOSITORY", f"{ADDRESS}/")
+    released = metadata_of(tmp_path)
+    assert released.get_all("Project-URL") == [f"Repository, {ADDRESS}"]
+    assert released["Description-Content-Type"] == "text/markdown"
+    links = re.findall(r"(!?)\[[^\]]*\]\((\S+)\)", description(released))
+    assert len(links) == len(re.findall(r"\]\(", readme)) > 10
+    for is_picture, link in links:
+        into, name = f"{ADDRESS}/{'raw' if is_picture else 'blob'}/v1.2.0/", link.partition("/v1.2.0/")[2]
+        assert link == into + name
+        assert (REPOSITORY / name).exists()
+    assert description(released).replace(f"{ADDRESS}/raw/v1.2.0/", "").replace(f"{ADDRESS}/blob/v1.2.0/", "") == readme
+
+    monkeypatch.delenv("SYNCHRONIZAR_REPOSITORY")
+    (tmp_path / "PKG-INFO").write_bytes(released.as_bytes())  # a wheel that is made of the sdist says the same
+    from_sdist = metadata_of(tmp_path)
+    assert (description(from_sdist), from_sdist.items()) == (description(released), released.items())
 
 
 CHANGES = """# Changelog
