@@ -98,7 +98,7 @@ def looking_at_others(simulation: Simulation) -> Track:
 
 
 async def _stand_where_most_are_seen(phone: Page) -> None:
-    """Stop, and put a marker there, as soon as two of the others are on the screen at a distance."""
+    """Stop, put a marker there and step back, as soon as two of the others are on the screen and it hides nobody."""
     seen = """(last) => {
       const { avatars, frame, stage } = synchronizar;
       if (frame.opacity < 1 && !last) return false;
@@ -106,12 +106,14 @@ async def _stand_where_most_are_seen(phone: Page) -> None:
       const now = (performance.timeOrigin + performance.now()) / 1000;
       const [x, y, z, qx, qy, qz, qw] = phone.place(now - phone.began);
       const [fx, fz] = [-2 * (qx * qz + qw * qy), -(1 - 2 * (qx * qx + qy * qy))];
-      const ahead = Object.values(avatars.places).filter(({ position: [a, b, c] }) => {
-        const [dx, , dz] = [0, 1, 2].map((i) => m[i] * a + m[4 + i] * b + m[8 + i] * c + m[12 + i] - [x, y, z][i]);
+      const [bx, bz] = [x - 1.2 * fx, z - 1.2 * fz];
+      // Those within 16 degrees of the middle are on the screen; the marker and its name take up the inner 4.
+      const ahead = Object.values(avatars.places).map(({ position: [a, b, c] }) => {
+        const [dx, , dz] = [0, 1, 2].map((i) => m[i] * a + m[4 + i] * b + m[8 + i] * c + m[12 + i] - [bx, y, bz][i]);
         const distance = Math.hypot(dx, dz);
-        return distance > 1.5 && (dx * fx + dz * fz) / distance > 0.965;
-      });
-      if (ahead.length < 2 && !last) return false;
+        return distance > 2.5 ? (dx * fx + dz * fz) / distance : -1;
+      }).filter((cosine) => cosine > 0.96);
+      if ((ahead.length < 2 || Math.max(...ahead) > 0.9975) && !last) return false;
       const here = [x, y, z, qx, qy, qz, qw];
       phone.table = [[0, ...here], [1, ...here]];
       document.getElementById("mark").click();
@@ -119,6 +121,8 @@ async def _stand_where_most_are_seen(phone: Page) -> None:
       const still = setInterval(() => {
         if (!synchronizar.objects.ids.length) return;
         clearInterval(still);
+        const back = [bx, y, bz, qx, qy, qz, qw];
+        phone.table = [[0, ...back], [1, ...back]];
         setTimeout(() => {
           const placing = frame.step(0, "things");
           frame.step = () => placing;
@@ -128,7 +132,7 @@ async def _stand_where_most_are_seen(phone: Page) -> None:
       }, 20);
       return true;
     }"""
-    end = time.monotonic() + 20.0
+    end = time.monotonic() + 30.0
     while not await phone.evaluate(seen, time.monotonic() > end):
         await asyncio.sleep(0.05)
 
