@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.accuracy.full_walks import OFF
 from experiments.common.methods import (
@@ -223,6 +224,9 @@ def drawn(sweep: Sweep, cells: Mapping[Line, Sequence[Mapping[str, Interval]]]) 
         ax.set_title(_PANELS[name])
         if name in ("plane", "yaw deg", "seconds"):
             ax.set_yscale("log")
+            ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            ax.yaxis.set_major_formatter("{x:g}")
+            ax.yaxis.set_minor_formatter(NullFormatter())
         elif name == "z":
             ax.set_ylim(bottom=0.0)
         else:

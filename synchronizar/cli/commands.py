@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
 from importlib import import_module
@@ -207,11 +207,8 @@ def _plot(options: argparse.Namespace) -> None:
 
         print_result(str(write_report(recording, options.out, name)))
     elif options.rerun:
-        with _extra("rerun"):
-            import rerun  # noqa: F401
-        from synchronizar.convert.rerun_out import write_rerun
-
-        write_rerun(options.out / "answer.rrd", _answer(options.out, recording))
+        write = _writer("rerun")
+        write(options.out / "answer.rrd", _answer(options.out, recording))
         print_result(str(options.out / "answer.rrd"))
     else:
         from synchronizar.reporting.plots import plot
@@ -220,35 +217,57 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _convert(options: argparse.Namespace) -> None:
+    from synchronizar.convert.asked import Asked
     from synchronizar.io.recording_folder import is_recording
 
+    of_asked = [f.name for f in fields(Asked)]
     if options.from_format is None and is_recording(options.source):
+        _refuse_options(options, (*of_asked, "list", "json", "force", "add"), f"{options.source} is a recording itself")
         _convert_out(options)
     else:
+        _refuse_options(options, ["answer"], f"{options.source} is no recording: there is no answer about it")
         _convert_in(options)
+
+
+def _refuse_options(options: argparse.Namespace, names: Iterable[str], fault: str) -> None:
+    """Raise InputError for the first option of these that was said: it would do nothing."""
+    flags = {"columns": "column", "topics": "topic", "renamed": "rename", "left_out": "without"}
+    for name in names:
+        if getattr(options, name) not in (None, False, 0.0, []):
+            raise InputError(f"--{flags.get(name, name).replace('_', '-')}", f"does nothing here: {fault}")
 
 
 def _convert_out(options: argparse.Namespace) -> None:
     """Write a recording, and an answer about it, in another format."""
-    from synchronizar.convert.formats import FORMATS, WRITTEN, format_named
+    from synchronizar.convert.formats import FORMATS, WRITTEN
     from synchronizar.data.exported import Exported
 
+    if options.to == "recording":
+        raise InputError("--to", f"{options.source} is a recording already")
     if options.out is None:
         raise InputError(options.source, "is a recording: say where it is to be written, and in what format")
     named = options.to or next((f.name for f in FORMATS if options.out.suffix in f.suffixes), None)
-    if named is None or named == "recording":
+    if named is None:
         known = ", ".join(suffix for f in FORMATS for suffix in f.suffixes)
         raise InputError(
             options.out, f"has no name that says its format: let it end with {known}, or say --to {'|'.join(WRITTEN)}"
         )
-    target = format_named(named)
-    if target.writer_extra:
-        with _extra(target.writer_extra[0]):
-            import_module(target.writer_extra[1])
-    write = target.writing()
+    write = _writer(named)
     recording, _ = _loaded(options.source)
     write(options.out, Exported(recording) if options.answer is None else _answer(options.answer, recording))
     print_result(str(options.out))
+
+
+def _writer(name: str) -> Callable[[Path, Exported], None]:
+    """What writes a format. Raises InputError where what it needs is not installed."""
+    from synchronizar.convert.formats import format_named
+
+    target = format_named(name)
+    if target.writer_extra:
+        extra, module = target.writer_extra
+        with _extra(extra):
+            import_module(module)
+    return target.writing()
 
 
 def _answer(folder: Path, recording: Recording) -> Exported:

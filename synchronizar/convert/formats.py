@@ -15,7 +15,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from synchronizar.data.exported import Exported
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ class Format:
     """What has to be installed to read it."""
     lists: bool = False
     """Whether its module has `listing(path, asked) -> list[str]`: what is in it, without reading all of it."""
-    writer_extra: tuple[str, ...] = ()
+    writer_extra: tuple[str, str] | None = None
     """What has to be installed to write it: (extra, module)."""
 
     def reading(self) -> Any:
@@ -47,12 +51,12 @@ class Format:
             raise LookupError(self.name)
         return import_module(self.reader)
 
-    def writing(self) -> Callable[..., None]:
+    def writing(self) -> Callable[[Path, Exported], None]:
         """The function that writes it."""
         if self.writer is None:
             raise LookupError(self.name)
         module, _, function = self.writer.partition(":")
-        found: Callable[..., None] = getattr(import_module(module), function)
+        found: Callable[[Path, Exported], None] = getattr(import_module(module), function)
         return found
 
 

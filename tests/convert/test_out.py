@@ -302,3 +302,20 @@ def test_evo_ape_finds_the_error_that_evaluate_finds(walk: Path) -> None:
 def test_a_recording_is_no_place_for_tracks_of_another_frame(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["convert", str(walk), str(walk), "--to", "tum"]) == 2
     assert "is a recording" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("said", [["--rename", "a=b"], ["--time-offset", "5"], ["--force"], ["--json"], ["--list"]])
+def test_an_option_that_would_do_nothing_is_refused(
+    said: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "walk" / "tracks").mkdir(parents=True)
+    (tmp_path / "walk" / "ranges.csv").touch()
+    assert main(["convert", str(tmp_path / "walk"), str(tmp_path / "walk.mcap"), *said]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"synchronizar: {said[0]}: does nothing here: {tmp_path / 'walk'} is a recording itself\n"
+    )
+    (tmp_path / "a.tum").write_text("1 0 0 0 0 0 0 1\n")
+    assert main(["convert", str(tmp_path / "a.tum"), str(tmp_path / "out"), "--answer", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("synchronizar: --answer: does nothing here: ")
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["a.tum", "walk"]
