@@ -16,7 +16,7 @@ from synchronizar.convert.mapping import Mapped
 from synchronizar.convert.reading import Pose, PoseReader, RangeReader, likely_unit
 from synchronizar.convert.track_file import poses_as_asked
 from synchronizar.geometry import Up
-from synchronizar.io.text import MAX_LENGTH, MIN_SIGMA
+from synchronizar.io.text import MAX_PLACE, MIN_SIGMA
 from synchronizar.ros.tf_poses import TfPoses
 
 OWN = "/synchronizar/"
@@ -238,7 +238,7 @@ class Listening:
     def _pose(self, user: str, stamp: float, arrived: float, frame_id: str, pose: Pose) -> HeardPose:
         """Raises ValueError for what is no pose."""
         row = np.array([[arrived, *map(float, pose)]])
-        if not np.isfinite(row).all() or not row[0, 4:].any() or np.abs(row[0, 1:4]).max() > MAX_LENGTH:
+        if not np.isfinite(row).all() or not row[0, 4:].any() or np.abs(row[0, 1:4]).max() > MAX_PLACE:
             raise ValueError("no pose")
         own = poses_as_asked(row, self._asked, "flu", None)
         _, x, y, z, qx, qy, qz, qw = own.rows[0].tolist()

@@ -266,3 +266,19 @@ def test_in_a_simulation_stamps_are_the_time() -> None:
     assert clock.of_range(3.1, 1e9 + 0.01) == 3.1
     assert clock.of_range(nan, 1e9) == pytest.approx(3.0, abs=1e-6)
     assert clock.of_pose(nan, 1e9) != clock.of_pose(nan, 1e9)
+
+
+def test_a_robot_on_a_map_is_heard_and_one_beyond_the_world_is_not() -> None:
+    topics = {"/alice/odom": "nav_msgs/msg/Odometry"}
+    northing = 5_300_000.0
+    messages = [("/alice/odom", odometry(float(k), "map", (1.0, northing, 0.0), NO_TURN)) for k in range(1, 9)]
+    found, listening, _ = heard(topics, [*messages, ("/alice/odom", odometry(9.0, "map", (1e8, 0.0, 0.0), NO_TURN))])
+    assert [one.position[1] for one in poses_of(found)] == [northing] * 8
+    assert listening.malformed["/alice/odom"] == 1
+
+
+def test_a_ranges_sigma_has_the_unit_of_its_distance() -> None:
+    topics = {"/uwb": RANGING}
+    message = ranging(1.0, "alice", "bob", 2500.0) | {"sigma": 50.0}
+    found, _, _ = heard(topics, [("/uwb", message)] * 3, topics=["/uwb sigma=sigma unit=mm"])
+    assert [(one.distance, one.optional) for one in ranges_of(found)] == [(2.5, {"sigma": 0.05})] * 3
