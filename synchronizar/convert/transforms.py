@@ -13,6 +13,7 @@ import numpy as np
 from synchronizar.arrays import Array
 from synchronizar.convert.fields import stamp_of
 from synchronizar.data.track import interpolated
+from synchronizar.io.text import MAX_PLACE
 from synchronizar.quaternions import multiply_quaternions, normalized_quaternions, rotate_by_quaternions
 
 BODIES = ("base_link", "base_footprint", "base", "body", "imu_link", "imu", "camera_link", "camera", "rig", "vehicle")
@@ -32,8 +33,10 @@ class _Edge:
     poses: array[float] = field(default_factory=lambda: array("d"))
 
     def arrays(self) -> tuple[Array, Array]:
-        """(n,) rising stamps and (n, 7) poses."""
+        """(n,) rising stamps and (n, 7) poses, without what is none."""
         t, poses = np.array(self.t), np.array(self.poses).reshape(-1, 7)
+        known = np.isfinite(t) & (np.abs(poses) <= MAX_PLACE).all(axis=1)
+        t, poses = t[known], poses[known]
         order = np.argsort(t, kind="stable")
         t, poses = t[order], poses[order]
         kept = np.append(t[1:] != t[:-1], True) & poses[:, 3:].any(axis=1)

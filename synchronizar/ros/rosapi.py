@@ -42,7 +42,7 @@ class Rosapi:
             try:
                 answer = await self._rosbridge.call("/rosapi/message_details", {"type": kind})
                 self._fields[kind] = fields_of_typedefs(answer.get("typedefs"))
-            except (ServiceError, AttributeError, TypeError, ValueError):
+            except (ServiceError, AttributeError, LookupError, TypeError, ValueError):
                 self._fields[kind] = ()
         return self._fields[kind]
 

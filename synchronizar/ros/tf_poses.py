@@ -37,13 +37,16 @@ class TfPoses:
         self._tracks: dict[str, FrameTrack] = {}
 
     def take(self, topic: str, arrived: float, message: Any) -> Iterator[TfPose]:
-        """Poses of those whose frames have moved."""
+        """Poses of those whose frames have moved. Raises ValueError, after them, for a transform that is none."""
         space, is_static = topic.strip("/").rpartition("/")[0], topic.rstrip("/").endswith("tf_static")
         several = message["transforms"] if isinstance(message, Mapping) and "transforms" in message else [message]
-        moved = set()
+        moved, faults = set(), 0
         for one in several:
             transform = transform_of(space, arrived, one)
             if transform.parent.rpartition("/")[2] == self._common:
+                continue
+            if not np.isfinite(transform.pose).all():
+                faults += 1
                 continue
             edge = transform.child, transform.parent
             self._newest[edge] = transform
@@ -55,6 +58,8 @@ class TfPoses:
         for track in self._tracks.values():
             if track.chain[track.leading : track.leading + 2] in moved:
                 yield TfPose(track.child, track.user or "robot", *self._composed(track))
+        if faults:
+            raise ValueError(f"{faults} transforms are none")
 
     def _look(self, arrived: float) -> None:
         """Now and then, who is there: a robot that was found stays."""

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from synchronizar.live import messages as m
 from synchronizar.ros.ends import Ends
 from synchronizar.ros.listening import Heard, HeardPose, HeardRange, Listening
 from synchronizar.ros.robot_clock import RobotClock
-from synchronizar.ros.rosapi import fields_of_typedefs
+from synchronizar.ros.rosapi import Rosapi, fields_of_typedefs
 
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
 
@@ -282,3 +283,27 @@ def test_a_ranges_sigma_has_the_unit_of_its_distance() -> None:
     message = ranging(1.0, "alice", "bob", 2500.0) | {"sigma": 50.0}
     found, _, _ = heard(topics, [("/uwb", message)] * 3, topics=["/uwb sigma=sigma unit=mm"])
     assert [(one.distance, one.optional) for one in ranges_of(found)] == [(2.5, {"sigma": 0.05})] * 3
+
+
+def test_a_transform_that_is_none_is_counted_and_the_others_of_its_message_are_heard() -> None:
+    def transform(t: float, child: str, x: float) -> dict[str, Any]:
+        at = {"translation": {"x": x, "y": 0.0, "z": 0.0}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+        return {"header": header(t, f"{child}/odom"), "child_frame_id": f"{child}/base_link", "transform": at}
+
+    times = np.arange(1.0, 6.0, 0.1).tolist()
+    messages = [("/tf", {"transforms": [transform(t, "bob", nan), transform(t, "alice", t)]}) for t in times]
+    found, listening, _ = heard({"/tf": "tf2_msgs/msg/TFMessage"}, messages, rate=10.0)
+    poses = poses_of(found)
+    assert {one.user for one in poses} == {"alice"}
+    assert len(poses) > 20
+    assert listening.malformed["/tf"] == len(times)
+
+
+@pytest.mark.parametrize("typedefs", [[{}], [{"type": "a/B", "fieldnames": ["x"]}], [{"type": 5}], 7, None])
+def test_a_definition_that_is_none_is_not_known(typedefs: Any) -> None:
+    class Answering:
+        async def call(self, service: str, _: Any = None) -> dict[str, Any]:
+            return {"topics": ["/a"], "types": ["a/msg/B"]} if service == "/rosapi/topics" else {"typedefs": typedefs}
+
+    (topic,) = asyncio.run(Rosapi(Answering()).topics())  # type: ignore[arg-type]
+    assert (topic.name, topic.type, topic.fields) == ("/a", "a/B", ())
