@@ -23,20 +23,19 @@ import numpy as np
 
 from synchronizar.arrays import Array
 from synchronizar.data.exported import Exported
-from synchronizar.data.range_ends import range_ends
+from synchronizar.data.range_ends import range_lines
 from synchronizar.data.recording import Recording
 from synchronizar.data.regions import regions_of
 from synchronizar.data.registration import Registration
 from synchronizar.data.track import Track
 from synchronizar.data.updates import Update
 from synchronizar.errors import os_faults
+from synchronizar.parameters import Parameters
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
 _TIMELINE = "time"
-_LINES_S = 0.2
-_LONGEST_GAP_S = 1.0
 _USED, _REJECTED = (136, 136, 136), (213, 94, 0)
 # Okabe and Ito's colours, told apart by nearly everybody.
 _COLORS = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (213, 94, 0))
@@ -121,7 +120,7 @@ def _regions(
     began = min(update.t for update in updates)
     t = np.maximum(regions.since, began)
     offset = registration.users[name].clock_offset or 0.0
-    place, valid = track.positions_at(t + offset, _LONGEST_GAP_S)
+    place, valid = track.positions_at(t + offset, Parameters().slam.longest_pose_gap)
     if not valid.any():
         return
     ellipsoids = rr.Ellipsoids3D.columns(
@@ -147,15 +146,10 @@ def _ranges(
         if len(rows):
             residuals = rr.Scalars.columns(scalars=verdicts.residual[rows])
             _columns(stream, _entity("residuals", word), ranges.t[rows] - began, residuals)
-    ends = range_ends(ranges, registration, tracks, _LONGEST_GAP_S)
-    rows = order[verdicts.usable[order] & np.isfinite(ends[order]).all(axis=(1, 2))]
-    if not len(rows):
-        return
-    slot = np.floor((ranges.t[rows] - began) / _LINES_S).astype(np.int64)
-    for some in np.split(rows, np.flatnonzero(np.diff(slot)) + 1):
-        stream.set_time(_TIMELINE, duration=float(ranges.t[some[-1]]) - began)
-        colors = [_USED if verdicts.used[row] else _REJECTED for row in some]
-        stream.log("ranges", rr.LineStrips3D(ends[some], colors=colors, radii=0.008))
+    for t, ends, used in range_lines(ranges, registration, tracks, Parameters().slam.longest_pose_gap):
+        stream.set_time(_TIMELINE, duration=t - began)
+        colors = [_USED if one else _REJECTED for one in used]
+        stream.log("ranges", rr.LineStrips3D(ends, colors=colors, radii=0.008))
     stream.reset_time()
 
 

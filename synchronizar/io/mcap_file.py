@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from synchronizar.data.exported import Exported
-from synchronizar.data.range_ends import range_ends
+from synchronizar.data.range_ends import LINES_S, range_lines
 from synchronizar.data.recording import Recording
 from synchronizar.data.regions import UNKNOWN, Regions, regions_of
 from synchronizar.data.registration import RangeVerdicts, Registration
@@ -34,13 +34,11 @@ from synchronizar.data.updates import Update
 from synchronizar.errors import os_faults
 from synchronizar.io.foxglove_layout import write_layout
 from synchronizar.io.json_values import number_json
+from synchronizar.parameters import Parameters
 from synchronizar.quaternions import inverse_quaternions, multiply_quaternions
 
 COMMON = "common"
 _SCENE_S = 0.5
-_LINES_S = 0.2
-_LONGEST_GAP_S = 1.0
-"""Between two poses of a track; within a longer one nobody knows where its device was."""
 _LINE_LIST = 2
 """Foxglove's number for lines of which each has two points of its own."""
 _VERDICT_COLORS = {"used": (0.53, 0.53, 0.53), "rejected": (0.84, 0.37, 0.0), "unknown": (0.34, 0.71, 0.91)}
@@ -220,27 +218,20 @@ def _moves(name: str, track: Track, parent: str) -> Iterator[_Message]:
 
 def _range_lines(recording: Recording, registration: Registration, tracks: Mapping[str, Track]) -> Iterator[_Message]:
     """Every so often the ranges since the last time, as lines between the places of both devices."""
-    ranges, verdicts = recording.ranges, registration.ranges
-    ends = range_ends(ranges, registration, tracks, _LONGEST_GAP_S)
-    rows = np.argsort(ranges.t, kind="stable")
-    rows = rows[verdicts.usable[rows] & np.isfinite(ends[rows]).all(axis=(1, 2))]
-    if not len(rows):
-        return
-    slot = np.floor(ranges.t[rows] / _LINES_S).astype(np.int64)
-    for some in np.split(rows, np.flatnonzero(np.diff(slot)) + 1):
-        t = float(ranges.t[some[-1]])
-        words = ["used" if verdicts.used[row] else "rejected" for row in some]
+    longest_gap = Parameters().slam.longest_pose_gap
+    for t, ends, used in range_lines(recording.ranges, registration, tracks, longest_gap):
+        words = ["used" if one else "rejected" for one in used]
         lines = {
             "type": _LINE_LIST,
             "pose": {"position": _xyz([0.0, 0.0, 0.0]), "orientation": _xyzw([0.0, 0.0, 0.0, 1.0])},
             "thickness": 1.5,
             "scale_invariant": True,
-            "points": [_xyz(place) for row in some for place in ends[row].tolist()],
+            "points": [_xyz(place) for place in ends.reshape(-1, 3).tolist()],
             "color": _rgba(_VERDICT_COLORS["unknown"], 1.0),
             "colors": [_rgba(_VERDICT_COLORS[word], 0.8) for word in words for _ in range(2)],
             "indices": [],
         }
-        entity = _entity(t, COMMON, "ranges", _LINES_S, frame_locked=False) | {"lines": [lines]}
+        entity = _entity(t, COMMON, "ranges", LINES_S, frame_locked=False) | {"lines": [lines]}
         yield _Message(t, "/range_lines", "foxglove.SceneUpdate", {"deletions": [], "entities": [entity]})
 
 
