@@ -13,7 +13,8 @@ namespace synchronizar {
 
 static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 static constexpr double kHopeless =
-    10.0;  // log evidence: whose common factor has so much less is not refined
+    10.0;                        // log evidence: whose common factor has so much less is not refined
+static constexpr int kBias = 5;  // column of the first device's bias there
 static constexpr int kLast = 2 * kOwnColumns;  // column of the residuals in a pair's squares
 
 // ---- the matrix ----
@@ -138,19 +139,41 @@ WalkSolver::WalkSolver(Walks walks) : walks_(std::move(walks)) {
   shared_at_ = in_border(3);
   mean_height_at_ = in_border(1);
 
+  // A lasting error is in the group of the later end of its first range.
+  lasting_at_.resize(static_cast<size_t>(walks_.follows.size()));
+  const auto of_keyframe = [&](int n) -> const Where& { return keyframe_at_[static_cast<size_t>(n)]; };
+  for (Eigen::Index n = 0; n < walks_.lasting.size(); ++n) {
+    Where& at = lasting_at_[static_cast<size_t>(walks_.lasting[n])];
+    if (at.group >= 0) continue;
+    int group = -1;
+    for (const int key : {walks_.keyframe_i[n], walks_.keyframe_j[n]}) {
+      if (of_keyframe(key).group < border) group = std::max(group, of_keyframe(key).group);
+    }
+    if (group < 0) group = border;
+    at = {group, sizes_[static_cast<size_t>(group)]++};
+  }
+
   connected_from_.resize(sizes_.size());
   std::iota(connected_from_.begin(), connected_from_.end(), 0);
   connected_from_.back() = 0;
-  const auto connect = [&](int a, int b) {
-    const Where &at = keyframe_at_[static_cast<size_t>(a)], &other = keyframe_at_[static_cast<size_t>(b)];
+  const auto connect = [&](const Where& at, const Where& other) {
     if (at.group < 0 || other.group < 0 || at.group == border || other.group == border) return;
     int& from = connected_from_[static_cast<size_t>(std::max(at.group, other.group))];
     from = std::min({from, at.group, other.group});
   };
   for (Eigen::Index n = 0; n < walks_.measured.size(); ++n)
-    connect(walks_.keyframe_i[n], walks_.keyframe_j[n]);
+    connect(of_keyframe(walks_.keyframe_i[n]), of_keyframe(walks_.keyframe_j[n]));
   for (int n = 1; n < count; ++n) {
-    if (user_[n] == user_[n - 1]) connect(n, n - 1);
+    if (user_[n] == user_[n - 1]) connect(of_keyframe(n), of_keyframe(n - 1));
+  }
+  for (Eigen::Index n = 0; n < walks_.lasting.size(); ++n) {
+    const Where& at = lasting_at_[static_cast<size_t>(walks_.lasting[n])];
+    connect(at, of_keyframe(walks_.keyframe_i[n]));
+    connect(at, of_keyframe(walks_.keyframe_j[n]));
+  }
+  for (Eigen::Index v = 0; v < walks_.follows.size(); ++v) {
+    if (walks_.follows[v] < 0) continue;
+    connect(lasting_at_[static_cast<size_t>(v)], lasting_at_[static_cast<size_t>(walks_.follows[v])]);
   }
 }
 
@@ -222,6 +245,10 @@ WalkStates WalkSolver::moved(const WalkStates& states, const BorderedEnvelope::S
     out.calibration.row(u) +=
         length * step[static_cast<size_t>(at.group)].block<3, 1>(at.offset, 0).transpose();
   }
+  for (size_t v = 0; v < lasting_at_.size(); ++v) {
+    const Where& at = lasting_at_[v];
+    out.lasting[static_cast<Eigen::Index>(v)] += length * step[static_cast<size_t>(at.group)](at.offset, 0);
+  }
   const int first = walks_.first[walks_.reference];
   out.places(first, 2) = std::exp(out.calibration(walks_.reference, 0)) * walks_.slam(first, 2);
   return out;
@@ -242,6 +269,10 @@ std::vector<DeviceAtKeyframe> WalkSolver::devices(const WalkStates& states,
   return out;
 }
 
+double WalkSolver::lasting_of(Eigen::Index range, const WalkStates& states) const {
+  return walks_.lasting.size() == 0 ? 0.0 : states.lasting[walks_.lasting[range]];
+}
+
 Column WalkSolver::residuals(const WalkStates& states, const Column& assumed_clock) const {
   const auto at = devices(states, assumed_clock);
   Column out(walks_.measured.size());
@@ -249,7 +280,7 @@ Column WalkSolver::residuals(const WalkStates& states, const Column& assumed_clo
     const DeviceAtKeyframe& i = at[static_cast<size_t>(walks_.keyframe_i[n])];
     const DeviceAtKeyframe& j = at[static_cast<size_t>(walks_.keyframe_j[n])];
     const Vector3 between = i.place() + i.arm(walks_.i.at(n)) - j.place() - j.arm(walks_.j.at(n));
-    out[n] = between.norm() + i.range_bias() + j.range_bias() - walks_.measured[n];
+    out[n] = between.norm() + i.range_bias() + j.range_bias() + lasting_of(n, states) - walks_.measured[n];
   }
   return out;
 }
@@ -262,15 +293,20 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
   std::visit(
       [&](const auto& kind) {
         for (Eigen::Index begin = 0, end = 0; begin < n; begin = end) {
-          // A run of ranges between the same two keyframes.
+          // A run of ranges between the same two keyframes, with the same lasting error.
+          const int lasting = walks_.lasting.size() == 0 ? -1 : walks_.lasting[begin];
+          const double longer = lasting_of(begin, states);
           const int key_i = walks_.keyframe_i[begin], key_j = walks_.keyframe_j[begin];
           const DeviceAtKeyframe &i = at[static_cast<size_t>(key_i)], &j = at[static_cast<size_t>(key_j)];
           sum.clear();
           double height_information = 0.0, replaced = 0.0;
-          for (; end < n && walks_.keyframe_i[end] == key_i && walks_.keyframe_j[end] == key_j; ++end) {
-            const RangeTerms terms = add_range(
-                sum, kind, loss.annealing, i, j, walks_.i.at(end), walks_.j.at(end), walks_.measured[end],
-                {walks_.sigma[end], noise.nlos_odds[end]}, noise.range_weight[end]);
+          for (; end < n && walks_.keyframe_i[end] == key_i && walks_.keyframe_j[end] == key_j &&
+                 (lasting < 0 || walks_.lasting[end] == lasting);
+               ++end) {
+            const RangeTerms terms =
+                add_range(sum, kind, loss.annealing, i, j, walks_.i.at(end), walks_.j.at(end),
+                          walks_.measured[end] - longer, {walks_.sigma[end], noise.nlos_odds[end]},
+                          noise.range_weight[end]);
             system.cost += terms.loss;
             height_information += terms.height_curvature;
             if (height_curvature != nullptr) replaced += (*height_curvature)[end];
@@ -300,6 +336,14 @@ void WalkSolver::add_ranges(System& system, const WalkStates& states, const Walk
             system.add_gradient(a, squares.block<4, 1>(row, kLast));
           }
           system.add(places[0].first, places[1].first, squares.block<4, 4>(0, kOwnColumns));
+          if (lasting >= 0) {  // which makes a range longer just as a bias does
+            const Where& at_lasting = lasting_at_[static_cast<size_t>(lasting)];
+            system.add(at_lasting, at_lasting, squares.block<1, 1>(kBias, kBias));
+            system.add_gradient(at_lasting, squares.block<1, 1>(kBias, kLast));
+            for (const auto& [a, row] : places) system.add(at_lasting, a, squares.block<1, 4>(kBias, row));
+            for (const auto& [a, row] : of_devices)
+              system.add(at_lasting, a, squares.block<1, 3>(kBias, row));
+          }
           const Bend by{key_i, key_j, height_information};
           if (height_information > 0.0) {
             bend(system, by, states);
@@ -387,6 +431,13 @@ double WalkSolver::mean_height(const WalkStates& states, const WalkNoise& noise)
   return sum / weight;
 }
 
+double WalkSolver::lasting_step(int which, const WalkStates& states, const WalkNoise& noise) const {
+  const int before = walks_.follows[which];
+  const double decay = walks_.decay[which];
+  const double off = states.lasting[which] - (before < 0 ? 0.0 : decay * states.lasting[before]);
+  return off / (noise.lasting_sigma[which] * std::sqrt(1.0 - decay * decay));
+}
+
 double WalkSolver::prior_cost(const WalkStates& states, const WalkNoise& noise) const {
   const double mean = mean_height(states, noise);
   const Vector3 shared = shared_calibration(states, noise);
@@ -402,6 +453,7 @@ double WalkSolver::prior_cost(const WalkStates& states, const WalkNoise& noise) 
     sum += (off[0] * off[0] + off[1] * off[1]) / (noise.place_sigma[u] * noise.place_sigma[u]);
     sum += std::pow(wrapped(off[3]) / noise.yaw_sigma, 2);
   }
+  for (int v = 0; v < walks_.follows.size(); ++v) sum += std::pow(lasting_step(v, states, noise), 2);
   return 0.5 * sum;
 }
 
@@ -448,6 +500,20 @@ void WalkSolver::add_priors(System& system, const WalkStates& states, const Walk
     system.add(device, at, Eigen::RowVector4d(0.0, 0.0, weight * by_scale, 0.0));
     if (!by_itself) system.add(mean_height_at_, device, One(-weight * by_scale));
   }
+  for (int v = 0; v < walks_.follows.size(); ++v) {
+    const Where& here = lasting_at_[static_cast<size_t>(v)];
+    const int before = walks_.follows[v];
+    const double decay = walks_.decay[v];
+    const double root = 1.0 / (noise.lasting_sigma[v] * std::sqrt(1.0 - decay * decay));
+    const double pull = root * lasting_step(v, states, noise);
+    system.add(here, here, One(root * root));
+    system.add_gradient(here, One(pull));
+    if (before < 0) continue;
+    const Where& there = lasting_at_[static_cast<size_t>(before)];
+    system.add(there, there, One(decay * decay * root * root));
+    system.add(here, there, One(-decay * root * root));
+    system.add_gradient(there, One(-decay * pull));
+  }
 }
 
 // ---- the whole ----
@@ -490,7 +556,8 @@ WalkSolver::System WalkSolver::linearized(const WalkStates& states, const WalkNo
 
 WalkStates WalkSolver::gradient(const WalkStates& states, const WalkNoise& noise, const Loss& loss) const {
   const System system = linearized(states, noise, loss);
-  WalkStates out{WalkPlaces::Zero(states.places.rows(), 4), ThreeColumns::Zero(walks_.users, 3)};
+  WalkStates out{WalkPlaces::Zero(states.places.rows(), 4), ThreeColumns::Zero(walks_.users, 3),
+                 Column::Zero(walks_.follows.size())};
   for (Eigen::Index n = 0; n < states.places.rows(); ++n) {
     const Where& at = keyframe_at_[static_cast<size_t>(n)];
     if (at.group < 0) continue;
@@ -500,6 +567,10 @@ WalkStates WalkSolver::gradient(const WalkStates& states, const WalkNoise& noise
     const Where& at = device_at_[static_cast<size_t>(u)];
     out.calibration.row(u) =
         system.gradient[static_cast<size_t>(at.group)].block<3, 1>(at.offset, 0).transpose();
+  }
+  for (size_t v = 0; v < lasting_at_.size(); ++v) {
+    const Where& at = lasting_at_[v];
+    out.lasting[static_cast<Eigen::Index>(v)] = system.gradient[static_cast<size_t>(at.group)](at.offset, 0);
   }
   return out;
 }
@@ -605,7 +676,7 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
   // Rows that stay: of keyframes, of users who have any, and of ranges between them.
   std::vector<int> keyframes, users, ranges;
   Numbers new_keyframe = Numbers::Constant(kept.size(), -1);
-  Walks part{0, 0, {}, {}, {}, {}, {}, {}, {}, {}, {}};
+  Walks part{0, 0, {}, {}, {}, {}, {}, {}, {}, {}, {}, {}, {}, {}};
   std::vector<int> first;
   for (int u = 0; u < walks_.users; ++u) {
     const auto at = static_cast<int>(keyframes.size());
@@ -642,7 +713,25 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
   part.j = antennas(walks_.j);
   part.measured = walks_.measured(ranges);
   part.sigma = walks_.sigma(ranges);
-  const WalkStates here{states.places(keyframes, all), states.calibration(users, all)};
+  std::vector<int> lasting;
+  if (walks_.lasting.size() > 0) {
+    Numbers new_lasting = Numbers::Constant(walks_.follows.size(), -1);
+    for (const int n : ranges) new_lasting[walks_.lasting[n]] = 0;
+    for (int v = 0; v < new_lasting.size(); ++v) {
+      if (new_lasting[v] < 0) continue;
+      new_lasting[v] = static_cast<int>(lasting.size());
+      lasting.push_back(v);
+    }
+    part.lasting = new_lasting(Numbers(walks_.lasting(ranges)));
+    part.follows = walks_.follows(lasting);
+    part.decay = walks_.decay(lasting);
+    for (Eigen::Index v = 0; v < part.follows.size(); ++v) {
+      if (part.follows[v] >= 0) part.follows[v] = new_lasting[part.follows[v]];
+      if (part.follows[v] < 0) part.decay[v] = 0.0;
+    }
+  }
+  const WalkStates here{states.places(keyframes, all), states.calibration(users, all),
+                        states.lasting(lasting)};
   WalkNoise its = noise;
   its.nlos_odds = noise.nlos_odds(ranges);
   its.range_weight = noise.range_weight(ranges);
@@ -659,6 +748,7 @@ std::vector<StepNoise> WalkSolver::step_noise(const WalkStates& states, const Wa
   its.known_bias_sigma = noise.known_bias_sigma(users);
   its.device_sigma = noise.device_sigma(users, all);
   its.assumed_clock = noise.assumed_clock(users);
+  its.lasting_sigma = noise.lasting_sigma(lasting);
   // The first keyframe that stays of a user has no step that leads to it.
   Marks its_counted = counted(keyframes);
   for (int u = 0; u < part.users; ++u) its_counted[part.first[u]] = false;

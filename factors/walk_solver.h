@@ -9,6 +9,10 @@
 // over its sigmas, with s the device's scale; ranges are those of calibrated_range.h with the keyframe as the
 // frame. The reference's first keyframe is fixed at SLAM's own pose: (0, 0, s z_0) and yaw 0.
 //
+// A range may besides have an error that lasts, of its pair and some time: v variables, each of which is
+// stationary with its own 1 sigma and correlated with the one that it follows (a first-order autoregression,
+// the Ornstein-Uhlenbeck process seen at times).
+//
 // Keyframes are grouped by time, so that steps and ranges connect a group with itself and the one before
 // (with one further back after a gap in a track): the matrix of the normal equations is a block envelope with
 // a border of what all groups share, which are calibrations and users with one keyframe.
@@ -31,6 +35,9 @@ struct Walks {
   Numbers keyframe_i, keyframe_j;  // (n) keyframes of each range
   Antennas i, j;                   // (n) in their axes
   Column measured, sigma;          // (n)
+  Numbers lasting;                 // (n) which lasting error each range has; empty where v = 0
+  Numbers follows;                 // (v) the one before, or -1
+  Column decay;                    // (v) correlation with it; 0 where there is none
 };
 
 using WalkPlaces = Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor>;
@@ -50,11 +57,13 @@ struct WalkNoise {
   Column known_bias_sigma;    // (k) m, of each bias about 0, besides; infinite where nothing is known of it
   Vector3 shared_sigma;       // of the shared one about 0
   Column assumed_clock;       // (k) s, at which the antennas were read
+  Column lasting_sigma;       // (v) m, of each lasting error by itself
 };
 
 struct WalkStates {
   WalkPlaces places;         // (m)
   ThreeColumns calibration;  // (k) clock offsets are not relative to the assumed ones
+  Column lasting;            // (v) m, what a range is longer by
 };
 
 // A symmetric positive definite matrix in groups of rows, and then its Cholesky decomposition: each group has
@@ -181,6 +190,9 @@ class WalkSolver {
   void add(System& system, const Step& step) const;
   Step step_to(int keyframe, const WalkStates& states, const Vector3& sigma) const;
   double prior_cost(const WalkStates& states, const WalkNoise& noise) const;
+  // Of a lasting error beside the one that it follows, over the 1 sigma of their difference.
+  double lasting_step(int which, const WalkStates& states, const WalkNoise& noise) const;
+  double lasting_of(Eigen::Index range, const WalkStates& states) const;
   WalkStates moved(const WalkStates& states, const BorderedEnvelope::Sides& step, double length) const;
   std::vector<StepNoise> step_noise(const WalkStates& states, const WalkNoise& noise, const Loss& loss,
                                     const Marks& counted, const Column& tried, double begin, double weight,
@@ -206,7 +218,7 @@ class WalkSolver {
   Walks walks_;
   Numbers user_;  // (m) of each keyframe
   std::vector<int> sizes_, connected_from_;
-  std::vector<Where> keyframe_at_, device_at_;  // (m), (k)
+  std::vector<Where> keyframe_at_, device_at_, lasting_at_;  // (m), (k), (v)
   Where shared_at_, mean_height_at_;
 };
 

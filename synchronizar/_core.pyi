@@ -172,13 +172,15 @@ class WalkNoise:
         known_bias_sigma: Array,
         shared_sigma: Array,
         assumed_clock: Array,
+        lasting_sigma: Array = ...,
     ) -> None:
         """Of ranges (n,) each; `step_sigma` (m, 3) of the step to each keyframe: in the plane, height and yaw.
 
         `about` (k, 4) prior means of each user's first keyframe, with `place_sigma` (k,) and `yaw_sigma`;
         `height_sigma` (k,) of origins about their mean, of `surveyed` ones about their own; `device_sigma` (k, 3) of
         calibrations about the shared one, `known_bias_sigma` (k,) of biases about 0 besides, infinite where unknown;
-        `shared_sigma` (3,) of the shared one about 0; `assumed_clock` (k,) s at which antennas were read.
+        `shared_sigma` (3,) of the shared one about 0; `assumed_clock` (k,) s at which antennas were read;
+        `lasting_sigma` (v,) m, of each lasting error by itself.
         """
 
 class WalkSolver:
@@ -196,39 +198,53 @@ class WalkSolver:
         j: Antennas,
         measured: Array,
         sigma: Array,
+        lasting: Indices = ...,
+        follows: Indices = ...,
+        decay: Array = ...,
     ) -> None:
         """`first` (k + 1,) the first keyframe of each user and the end; `t` (m,) s; `slam` (m, 3) SLAM units.
 
-        `keyframe_i`, `keyframe_j` (n,) of each range, antennas in their axes.
+        `keyframe_i`, `keyframe_j` (n,) of each range, antennas in their axes. `lasting` (n,) is which of v lasting
+        errors each range has, `follows` (v,) the one before, or -1, and `decay` (v,) the correlation with it, or 0.
         """
 
-    def residuals(self, places: Array, calibration: Array, assumed_clock: Array) -> Array:
-        """(n,) m, predicted minus measured. `places` (m, 4) x, y, z, yaw; `calibration` (k, 3)."""
+    def residuals(self, places: Array, calibration: Array, lasting: Array, assumed_clock: Array) -> Array:
+        """(n,) m, predicted minus measured.
 
-    def cost(self, places: Array, calibration: Array, noise: WalkNoise, loss: Loss, annealing: float = 1.0) -> float:
+        `places` (m, 4) x, y, z, yaw; `calibration` (k, 3); `lasting` (v,) m by which ranges are longer.
+        """
+
+    def cost(
+        self, places: Array, calibration: Array, lasting: Array, noise: WalkNoise, loss: Loss, annealing: float = 1.0
+    ) -> float:
         """Negative log likelihood, at the most likely shared calibration and mean height."""
 
     def gradient(
-        self, places: Array, calibration: Array, noise: WalkNoise, loss: Loss, annealing: float = 1.0
-    ) -> tuple[Array, Array]:
-        """(m, 4) and (k, 3): the gradient of the cost by places and calibrations, 0 by what is fixed."""
+        self, places: Array, calibration: Array, lasting: Array, noise: WalkNoise, loss: Loss, annealing: float = 1.0
+    ) -> tuple[Array, Array, Array]:
+        """(m, 4), (k, 3), (v,): gradient of the cost by places, calibrations, lasting errors; 0 by what is fixed."""
 
     def optimize(
         self,
         places: Array,
         calibration: Array,
+        lasting: Array,
         noise: WalkNoise,
         loss: Loss,
         annealing: float,
         steps: int,
         gain: float,
-    ) -> tuple[Array, Array]:
-        """Places and calibrations at a local optimum: at most `steps` Gauss-Newton steps that gain `gain` or more."""
+    ) -> tuple[Array, Array, Array]:
+        """Places, calibrations, lasting errors at a local optimum.
+
+        At most `steps` Gauss-Newton steps that gain `gain` or more.
+        """
 
     def covariance(
         self,
         places: Array,
         calibration: Array,
+        lasting: Array,
         noise: WalkNoise,
         loss: Loss,
         height_curvature: Array,
@@ -243,6 +259,7 @@ class WalkSolver:
         self,
         places: Array,
         calibration: Array,
+        lasting: Array,
         noise: WalkNoise,
         loss: Loss,
         kept: Mask,
@@ -262,7 +279,13 @@ class WalkSolver:
         """
 
     def log_determinant(
-        self, places: Array, calibration: Array, noise: WalkNoise, loss: Loss, height_curvature: Array
+        self,
+        places: Array,
+        calibration: Array,
+        lasting: Array,
+        noise: WalkNoise,
+        loss: Loss,
+        height_curvature: Array,
     ) -> float:
         """The logarithm of the determinant of the cost's second derivatives; `height_curvature` as in `covariance`."""
 

@@ -44,6 +44,8 @@ class RangeParameters:
     multipath_duration: float = 3.0
     """s: how long it stays. Against the truth, errors 0.25 s apart were correlated by 0.4 to 0.7 in five recordings
     with four kinds of radio, errors 2 s apart by 0.1 to 0.5."""
+    multipath_slot: float = 1.0
+    """s: in so short a time such an error stays as it is."""
     multipath_correlation: float = 0.5
     """Prior correlation of the errors of neighbouring ranges."""
     multipath_weight: float = 20.0

@@ -16,6 +16,7 @@ from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
 from synchronizar.estimation.far_drift import Searched, far_noise, searched
+from synchronizar.estimation.lasting import measured_noise
 from synchronizar.estimation.local_optima import (
     BETTER,
     by_cost,
@@ -143,26 +144,27 @@ def solve(
     repaired_tracks: dict[str, RepairedTrack],
     progress: Progress = unheard,
     begun: Sequence[tuple[Array, Array]] = (),
-    far: bool = True,
+    whole: bool = True,
 ) -> Solved:
     """The local optima of a problem, solved without a start; the recording's tracks are `repaired_tracks`.
 
     `begun` are joint placements that were found before, to begin with besides: frames (k, 4) about the users' own
-    origins, and calibrations (k, 3). `far`: SLAM may drift many times as far as usual (`far_drift`).
+    origins, and calibrations (k, 3). Of `whole` recordings it is asked more of how far SLAM
+    drifts: many times as far as usual (`far_drift`), or how far beside errors of ranges that last (`lasting`).
     """
-    search = searched(problem, repaired_tracks, stage(progress, 0.0, 0.7), begun, far)
+    search = searched(problem, repaired_tracks, stage(progress, 0.0, 0.7), begun, whole)
     at = perf_counter()
     heights = [frames[:, 2] for frames, _ in begun]
-    minima, noise = _refined(problem, repaired_tracks, search, heights)
+    minima, noise = _refined(problem, repaired_tracks, search, heights, whole)
     progress(0.9)
     if len(minima) > 1 and minima[1].cost < minima[0].cost - BETTER:  # new range weights may change the order
         search = search._replace(found=[*minima[1:], *search.found])
-        minima, noise = _refined(problem, repaired_tracks, search, heights)
+        minima, noise = _refined(problem, repaired_tracks, search, heights, whole)
     return Solved(minima, noise, at)
 
 
 def _refined(
-    problem: Problem, repaired_tracks: dict[str, RepairedTrack], search: Searched, heights: Sequence[Array]
+    problem: Problem, repaired_tracks: dict[str, RepairedTrack], search: Searched, heights: Sequence[Array], whole: bool
 ) -> tuple[list[LocalOptimum], Array]:
     """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
 
@@ -180,11 +182,13 @@ def _refined(
         graph, usual = with_measured_priors(best.graph, best.states, best.em_weights), best.held_as_usual
         priors = graph.calibration_priors
         best = graph.run_em(best.states, best.em_weights, _ROUNDS)
-        if search.far is None:
-            noise = step_noise(best.graph, best.states, best.em_weights)
-        else:
+        if search.far is not None:
             far = far_noise(best, problem, repaired_tracks)
             noise = StepNoise(far, far)
+        elif whole:
+            noise = measured_noise(best, keyframes_of_all(problem, repaired_tracks, finest, None, unit))
+        else:
+            noise = step_noise(best.graph, best.states, best.em_weights)
         coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used, unit)
         best, others = _likeliest_held(best._replace(graph=best.graph.with_keyframes(coarse)))
         if not again or np.array_equal(best.held_as_usual, usual):

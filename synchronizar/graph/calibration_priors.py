@@ -66,6 +66,7 @@ def likelihood_of_calibrations(graph: PoseGraph, states: States, em_weights: EmW
     covariance = walks.solver.covariance(
         walks.places(states),
         calibration,
+        graph.lasting_of(states),
         free.walk_noise(states.anchor_poses, replace(em_weights, calibration_weight=np.ones_like(weight))),
         graph.loss,
         mean_curvature(graph, graph.height_curvature(states, em_weights)),

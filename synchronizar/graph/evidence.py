@@ -1,4 +1,4 @@
-"""The evidence for how far each SLAM drifts, by Laplace's approximation at an optimum."""
+"""The evidence for how far SLAM drifts and how long ranges' errors last, by Laplace's approximation at an optimum."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ def evidence_against(optimum: LocalOptimum, range_weight: Array, noise: Array) -
     determinant = walks.solver.log_determinant(
         walks.places(states),
         states.calibration[walks.users],
+        graph.lasting_of(states),
         graph.walk_noise(states.anchor_poses, em_weights),
         graph.loss,
         mean_curvature(graph, graph.height_curvature(states, em_weights)),
     )
     sigmas = sum(float(np.log(graph.keyframes[u].step_sigma[:, [0, 0, 1, 2]]).sum()) for u in drifting)
+    sigmas += float(np.log(graph.lasting_steps).sum())
     prior = float(np.log1p((np.log(noise[drifting]) / np.log(2.0)) ** 2).sum())
     return cost + float(range_weight @ np.log(graph.sigma)) + sigmas + 0.5 * determinant + prior

@@ -76,6 +76,7 @@ def _errors(graph: PoseGraph, states: States, em_weights: EmWeights, bent: int |
     covariance = walks.solver.covariance(
         walks.places(states),
         states.calibration[walks.users],
+        graph.lasting_of(states),
         graph.walk_noise(states.anchor_poses, em_weights),
         graph.loss,
         mean_curvature(graph, height_curvature),

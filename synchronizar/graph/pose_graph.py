@@ -32,8 +32,15 @@ from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, slam_states, s
 from synchronizar.graph.walks import Walks
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.keyframes import Keyframes, RangeEnds, range_ends
+from synchronizar.preprocessing.lasting_errors import LastingErrors, lasting_errors
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, mean_by_pair, pair_bounds
-from synchronizar.preprocessing.range_weights import measured_range_weights, measured_sizes, prior_range_weights
+from synchronizar.preprocessing.range_weights import (
+    Correlation,
+    measured_correlation,
+    measured_range_weights,
+    measured_sizes,
+    prior_range_weights,
+)
 
 SAME = 0.01  # m and rad: optima that are closer are one
 _STALE_CLOCK = 0.005  # s: antennas are read again when a clock offset changes by more
@@ -108,6 +115,12 @@ class PoseGraph:
         """(n,) m, 1 sigma of each range in line of sight, with reflections as the model has them."""
         self.sigma = self._largest_sigma = self.model_sigma
         """(n,) m: the same as it is taken to be, and the largest that it may be measured to be."""
+        self.lasting: LastingErrors | None = None
+        """Errors of ranges that last, where they are variables: what `sigma` tells is then noise alone."""
+        self.lasting_sigma = np.zeros(0)
+        """(v,) m, 1 sigma of each."""
+        self.said_sigma = measurements.sigma
+        """(n,) m: what noise alone is said to be."""
         self._gain = _GAIN + _GAIN_A_RANGE * len(measurements)
         self.loss: NlosMixture = nlos_mixture(parameters)
         self.height_sigma = np.array([height_sigma_of(user, parameters) for user in self.users]) / np.sqrt(2.0)
@@ -187,6 +200,23 @@ class PoseGraph:
         """The same graph with the sigmas of another one of the same ranges."""
         return self._with_sigma(other.sigma, other._largest_sigma)
 
+    def with_lasting_errors(self, size: float, share: float) -> Self:
+        """The same graph, that has none, with errors that last.
+
+        Errors in line of sight are `size` times as large as this one's, and so large a share of their variance lasts.
+        """
+        lasting = lasting_errors(self.measurements, self.parameters)
+        noise = size * np.sqrt(1.0 - share)
+        out = self._with_sigma(noise * self.sigma, self._largest_sigma)
+        out.lasting, out.lasting_sigma = lasting, size * np.sqrt(share) * self.sigma[lasting.first_range]
+        out.said_sigma = noise * self.said_sigma
+        return out
+
+    def lasting_of(self, states: States) -> Array:
+        """(v,) m: the lasting errors at these states; 0 where the states have none yet."""
+        count = len(self.lasting_sigma)
+        return states.lasting if len(states.lasting) == count else np.zeros(count)
+
     def with_measured_sigma(self, states: States) -> Self:
         """The same graph with sigmas as large as line-of-sight errors are at these states, noise at least.
 
@@ -209,6 +239,14 @@ class PoseGraph:
         """The same graph with other step sigmas; `keyframes` differ from its own in nothing else."""
         out = copy(self)
         out.keyframes = keyframes
+        return out
+
+    def with_other_keyframes(self, keyframes: list[Keyframes]) -> Self:
+        """The same graph at other moments."""
+        out = copy(self)
+        out.keyframes = keyframes
+        out._read_antennas(self.assumed_clock)
+        out.__dict__.pop("walks", None)
         return out
 
     def with_held_as_usual(self, usual: Mask) -> Self:
@@ -241,7 +279,10 @@ class PoseGraph:
         """(n,) m, predicted minus measured."""
         walks = self.walks
         return walks.solver.residuals(
-            walks.places(states), states.calibration[walks.users], self.assumed_clock[walks.users]
+            walks.places(states),
+            states.calibration[walks.users],
+            self.lasting_of(states),
+            self.assumed_clock[walks.users],
         )
 
     @cached_property
@@ -257,6 +298,7 @@ class PoseGraph:
             (s.i, s.j, s.distance, self.sigma),
             (i.keyframe, j.keyframe),
             ((i.offset, i.lever, i.velocity), (j.offset, j.lever, j.velocity)),
+            self.lasting,
         )
 
     def walk_noise(self, about: Array, em_weights: EmWeights) -> WalkNoise:
@@ -287,6 +329,7 @@ class PoseGraph:
             self.known_bias_sigma[users],
             common / weight[-1],
             self.assumed_clock[users],
+            self.lasting_sigma,
         )
 
     @property
@@ -295,8 +338,11 @@ class PoseGraph:
         return float(self.parameters.priors.yaw_sigma * np.sqrt(max(len(self.free), 1)))
 
     def to_rigid_ranges(self, states: States) -> RangeMeasurements:
-        """The ranges for a rigid model: antennas corrected for drift, scale and clock, distances for radio bias."""
-        return replace(to_rigid_ranges(self.measurements, states, self.ends, self.assumed_clock), sigma=self.sigma)
+        """The ranges for a rigid model: antennas corrected for drift, scale and clock, distances for bias."""
+        out = to_rigid_ranges(self.measurements, states, self.ends, self.assumed_clock)
+        if self.lasting is not None:
+            out = replace(out, distance=out.distance - self.lasting_of(states)[self.lasting.of_range])
+        return replace(out, sigma=self.sigma)
 
     def rigid_problem(self, states: States) -> Problem:
         """The problem of a rigid model at these states: the same users with `to_rigid_ranges`."""
@@ -349,22 +395,47 @@ class PoseGraph:
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)
             weights[u], tail = _student(squares, m.slam.drift_dof, 4)
             cost += tail
+        cost += self._cost_of_lasting(states)
         calibration_weight, tail = self._calibration_weights(states, before)
         height_weight, of_heights = self.height_weights(states.anchor_poses)
         after = EmWeights(odds, before.range_weight, weights, calibration_weight, height_weight)
         return after, cost + tail + of_heights
 
+    def _cost_of_lasting(self, states: States) -> float:
+        if self.lasting is None:
+            return 0.0
+        errors, decay = self.lasting_of(states), self.lasting.decay
+        before = np.where(self.lasting.follows >= 0, errors[self.lasting.follows], 0.0)
+        return 0.5 * float((((errors - decay * before) / self.lasting_steps) ** 2).sum())
+
+    @property
+    def lasting_steps(self) -> Array:
+        """(v,) m, 1 sigma of each lasting error beside the one that it follows."""
+        return self.lasting_sigma if self.lasting is None else self.lasting_sigma * np.sqrt(1.0 - self.lasting.decay**2)
+
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
         """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
         whitened = self.residuals(states) / self.sigma
         _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
-        links = _links(self.problem.recording, self.measurements)
-        return replace(
-            em_weights,
-            range_weight=measured_range_weights(
-                self.measurements, self.sigma, whitened, weight, links, self.parameters
-            ),
+        measured = measured_range_weights(
+            self.measurements,
+            self.said_sigma / self.sigma,
+            weight,
+            self._correlation(whitened, weight),
+            self.parameters,
         )
+        return replace(em_weights, range_weight=measured)
+
+    def correlation(self, states: States, em_weights: EmWeights) -> Correlation:
+        """Of the errors of neighbouring ranges at these states."""
+        whitened = self.residuals(states) / self.sigma
+        return self._correlation(whitened, mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)[1])
+
+    def _correlation(self, whitened: Array, weight: Array) -> Correlation:
+        r = self.parameters.ranges
+        links = _links(self.problem.recording, self.measurements)
+        reach = r.multipath_duration if self.lasting is None else r.multipath_slot
+        return measured_correlation(self.measurements, whitened, weight, links, reach, self.parameters)
 
     def _calibration_weights(self, states: States, before: EmWeights) -> tuple[Array, float]:
         """Weights (k + 1, 3) of the device calibrations, the last row of the shared one, and their cost."""
@@ -458,16 +529,17 @@ class PoseGraph:
         `annealing` >= 1 widens the loss; the wide priors of position and yaw are centred on frames `about` (k, 4).
         """
         walks = self.walks
-        places, calibration = walks.solver.optimize(
+        places, calibration, lasting = walks.solver.optimize(
             walks.places(states),
             states.calibration[walks.users],
+            self.lasting_of(states),
             self.walk_noise(about, em_weights),
             self.loss,
             annealing,
             iterations,
             gain,
         )
-        return walks.states(places, calibration, states)
+        return walks.states(places, calibration, lasting, states)
 
     def last_poses(self, states: States) -> Array:
         """(k, 4) x, y, z (m), yaw (rad) of each user's last keyframe in the common frame; the yaw is of SLAM's axes."""

@@ -30,6 +30,8 @@ class States(NamedTuple):
     """Of each user (m, 4): keyframe positions x, y, z in the axes of its anchor (SLAM units), yaw correction (rad)."""
     calibration: Array
     """(k, 3): log scale, radio bias (m), clock offset (s)."""
+    lasting: Array = np.zeros(0)
+    """(v,) m: what lasting errors make ranges longer by; empty where they are no variables."""
 
 
 def slam_states(frames: Array, keyframes: list[Keyframes], calibration: Array) -> States:
@@ -78,7 +80,7 @@ def corrected(keyframe_poses: Array, keyframes: Keyframes, t: Array, position: A
 
 
 def interpolated(states: States, coarse: list[Keyframes], fine: list[Keyframes]) -> States:
-    """The same states at other keyframes, interpolated in time."""
+    """The same states at other keyframes, interpolated in time; lasting errors are of ranges, and stay."""
     keyframe_poses = []
     for of_user, old, new in zip(states.keyframe_poses, coarse, fine, strict=True):
         place, yaw = corrected(of_user, old, new.t, new.place)

@@ -98,6 +98,7 @@ def _about(
     return walks.solver.step_noise(
         walks.places(states),
         states.calibration[walks.users],
+        graph.lasting_of(states),
         graph.walk_noise(states.anchor_poses, replace(em_weights, step_weight=weights)),
         graph.loss,
         _middle(graph, walks),

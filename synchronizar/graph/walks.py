@@ -10,6 +10,7 @@ from synchronizar._core import WalkSolver
 from synchronizar.arrays import Array, Indices
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.states import SCALE, States
+from synchronizar.preprocessing.lasting_errors import LastingErrors
 
 Antennas = tuple[Array, Array, Array]
 """(n, 3) each, in the axes of a keyframe: offset from it (SLAM units), lever arm (m), velocity (m/s)."""
@@ -38,11 +39,12 @@ class Walks(NamedTuple):
         ranges: tuple[Indices, Indices, Array, Array],
         keyframe: tuple[Indices, Indices],
         ends: tuple[Antennas, Antennas],
+        lasting: LastingErrors | None = None,
     ) -> Walks:
         """Of `users`, whose keyframes are at `slam` (m, 3) and `t` (m,) each.
 
         `ranges` are both users, the distances and sigmas of n ranges; `keyframe` (n,) are their keyframes, counted by
-        user, and `ends` their antennas.
+        user, and `ends` their antennas. They may have `lasting` errors.
         """
         first = np.concatenate([[0], np.cumsum([len(of_user) for of_user in slam])]).astype(np.int32)
         begin = np.full(max(users) + 1, -1, dtype=np.int32)
@@ -59,6 +61,7 @@ class Walks(NamedTuple):
             *ends,
             distance,
             sigma,
+            *(() if lasting is None else (lasting.of_range, lasting.follows, lasting.decay)),
         )
         return cls(solver, users, users.index(reference), first, places)
 
@@ -72,8 +75,8 @@ class Walks(NamedTuple):
         out[:, 3] = at[:, 3] + frames[:, 3]
         return out
 
-    def states(self, places: Array, calibration: Array, before: States) -> States:
-        """The states at these places (m, 4) and the users' calibrations; other users are as they were `before`.
+    def states(self, places: Array, calibration: Array, lasting: Array, before: States) -> States:
+        """The states at these places (m, 4), users' calibrations and errors; other users are as they were `before`.
 
         Each user's first keyframe is at SLAM's own pose in the axes of its anchor.
         """
@@ -93,4 +96,4 @@ class Walks(NamedTuple):
         keyframe_poses = list(before.keyframe_poses)
         for n, u in enumerate(self.users):
             keyframe_poses[u] = own[self.first[n] : self.first[n + 1]]
-        return States(anchor_poses, keyframe_poses, all_calibrations)
+        return States(anchor_poses, keyframe_poses, all_calibrations, lasting)

@@ -9,6 +9,8 @@ one: that comes from the loss.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from synchronizar._core import neighbour_counts as core_neighbour_counts
@@ -30,27 +32,35 @@ def prior_range_weights(measurements: RangeMeasurements, parameters: Parameters)
     )
 
 
-def measured_range_weights(
+class Correlation(NamedTuple):
+    """How alike the errors of neighbouring ranges are, and what that makes of each range."""
+
+    neighbours: float
+    """Correlation of neighbours; 0 where what there is may be chance."""
+    independent: Array
+    """(n,) the number of independent ranges that each counts as."""
+    squares: Array
+    """(p,) sum of the squared errors of each pair, ..."""
+    weights: Array
+    """(p,) ... and of their weights."""
+
+
+def measured_correlation(
     measurements: RangeMeasurements,
-    model_sigma: Array,
     whitened: Array,
     weight: Array,
     links: Indices,
+    reach: float,
     parameters: Parameters,
-) -> Array:
-    """(n,) range weights measured on residuals: each range counts as so many independent ones of `model_sigma` (m).
+) -> Correlation:
+    """The correlation of residuals `whitened` (n,) over 1 sigma, whose weights by the loss are `weight` (n,).
 
-    `whitened` (n,) are residuals over model_sigma, `weight` (n,) the loss's weights. The variance of errors is measured
-    for each pair, shrunk towards that of all pairs, and is at least the recording's own sigma squared. Their
-    correlation is measured over all pairs together, on neighbours: ranges between the same antennas (numbered by
-    `links` (n,)) that are closer in time than `multipath_neighbour_gap`. Where a share r of a pair's ranges is NLOS,
-    some of these pass for line-of-sight and the reverse, so the weights are divided by 1 + c r (1 - r) with
-    c = `nlos_confusion`.
+    Measured over all pairs together, on neighbours: ranges between the same antennas (numbered by `links` (n,)) that
+    are closer in time than `multipath_neighbour_gap`. Errors last for `reach` s.
     """
     r = parameters.ranges
-    bounds = pair_bounds(measurements)
     squares, weights, product, both = neighbour_sums(
-        bounds,
+        pair_bounds(measurements),
         measurements.t,
         links,
         weight * whitened,
@@ -65,19 +75,34 @@ def measured_range_weights(
     correlation = min(
         max(correlation - by_chance**2 / max(correlation, by_chance), 0.0), r.multipath_largest_correlation
     )
-    independent = 1.0 / (1.0 + correlation * (neighbour_counts(measurements, parameters) - 1.0))
+    counts = core_neighbour_counts(pair_bounds(measurements), measurements.t, reach)
+    return Correlation(correlation, 1.0 / (1.0 + correlation * (counts - 1.0)), squares, weights)
 
+
+def measured_range_weights(
+    measurements: RangeMeasurements,
+    nominal: Array,
+    weight: Array,
+    correlation: Correlation,
+    parameters: Parameters,
+) -> Array:
+    """(n,) range weights measured on residuals: each range counts as so many independent ones of the model's 1 sigma.
+
+    `weight` (n,) are the loss's weights, `nominal` (n,) is what noise is said to be over that sigma. The variance of
+    errors is measured for each pair, shrunk towards that of all pairs, and is at least nominal^2. Where a share r of a
+    pair's ranges is NLOS, some of these pass for line-of-sight and the reverse, so the weights are divided by
+    1 + c r (1 - r) with c = `nlos_confusion`.
+    """
+    r, bounds = parameters.ranges, pair_bounds(measurements)
     count, late = np.diff(bounds), weight < 0.5
     late_before = np.concatenate([[0], np.cumsum(late)])
     nlos_share_of_all = float(late.mean()) if len(weight) else 0.0
     nlos_share = (r.pair_weight * nlos_share_of_all + np.diff(late_before[bounds])) / (r.pair_weight + count)
-    of_all = float(squares.sum()) / max(float(weights.sum()), 1e-9)
-    of_pair = _variance_of_pairs(of_all, squares, weights, parameters)
-    nominal = (measurements.sigma / model_sigma) ** 2
-    variance = np.maximum(np.repeat(of_pair, count), nominal)
-    return np.asarray(
-        independent / (variance * np.repeat(1.0 + r.nlos_confusion * nlos_share * (1.0 - nlos_share), count))
-    )
+    of_all = float(correlation.squares.sum()) / max(float(correlation.weights.sum()), 1e-9)
+    of_pair = _variance_of_pairs(of_all, correlation.squares, correlation.weights, parameters)
+    variance = np.maximum(np.repeat(of_pair, count), nominal**2)
+    confused = np.repeat(1.0 + r.nlos_confusion * nlos_share * (1.0 - nlos_share), count)
+    return np.asarray(correlation.independent / (variance * confused))
 
 
 def measured_sizes(bounds: Indices, nominal: Array, whitened: Array, weight: Array, parameters: Parameters) -> Array:

@@ -212,14 +212,14 @@ def test_the_solvers_gradient_is_that_of_its_cost_beside_a_survey_and_known_bias
     states = graph.initial_states(frames, random.normal(0.0, 0.02, (len(frames), 3)))
     noise, walks = graph.walk_noise(frames, graph.initial_em_weights()), graph.walks
     places, calibration = walks.places(states), states.calibration[walks.users]
-    by_place, by_calibration = walks.solver.gradient(places, calibration, noise, graph.loss)
+    by_place, by_calibration, _ = walks.solver.gradient(places, calibration, states.lasting, noise, graph.loss)
     h = 1e-6
     for table, found in ((places, by_place), (calibration, by_calibration)):
         for row, column in random.integers(0, table.shape, (40, 2)).tolist():
             ends = []
             for step in (h, -h):
                 table[row, column] += step
-                ends.append(walks.solver.cost(places, calibration, noise, graph.loss))
+                ends.append(walks.solver.cost(places, calibration, states.lasting, noise, graph.loss))
                 table[row, column] -= step
             if found[row, column] != 0.0:  # else it is fixed
                 assert (ends[0] - ends[1]) / (2.0 * h) == pytest.approx(found[row, column], rel=1e-4, abs=1e-3)

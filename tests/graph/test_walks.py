@@ -92,7 +92,7 @@ def test_states_become_places_and_back(kind: str, reference: int) -> None:
     states, _ = states_of(graph)
     walks = graph.walks
     places = walks.places(states)
-    back = walks.states(places, states.calibration[walks.users], states)
+    back = walks.states(places, states.calibration[walks.users], states.lasting, states)
     np.testing.assert_allclose(back.anchor_poses, states.anchor_poses, atol=1e-12)
     for here, there in zip(back.keyframe_poses, states.keyframe_poses, strict=True):
         np.testing.assert_allclose(here, there, atol=1e-12)
@@ -129,7 +129,8 @@ def test_the_cost_is_that_of_gtsams_factors(kind: str, reference: int, annealing
     values.update(keys.MEAN_HEIGHT, graph.mean_height(states.anchor_poses, em_weights.height_weight))
     expected = form.factors(states.anchor_poses, em_weights, annealing).error(values)
     noise = graph.walk_noise(states.anchor_poses, em_weights)
-    found = walks.solver.cost(walks.places(states), states.calibration[walks.users], noise, graph.loss, annealing)
+    at = walks.places(states), states.calibration[walks.users], states.lasting
+    found = walks.solver.cost(*at, noise, graph.loss, annealing)
     assert found == pytest.approx(expected, rel=1e-6)
 
 
@@ -141,7 +142,7 @@ def test_the_gradient_is_the_numerical_one(kind: str, reference: int, annealing:
     walks = graph.walks
     places, calibration = walks.places(states), states.calibration[walks.users]
     noise, solver = graph.walk_noise(states.anchor_poses + 0.1, em_weights), walks.solver
-    by_place, by_calibration = solver.gradient(places, calibration, noise, graph.loss, annealing)
+    by_place, by_calibration, _ = solver.gradient(places, calibration, states.lasting, noise, graph.loss, annealing)
     fixed = int(walks.first[walks.reference])
     assert not by_place[fixed].any()
 
@@ -153,7 +154,7 @@ def test_the_gradient_is_the_numerical_one(kind: str, reference: int, annealing:
             # The reference's first keyframe stands at SLAM's height times the scale.
             lifted = places.copy()
             lifted[fixed, 2] = np.exp(calibration[walks.reference, 0]) * walks.slam[fixed, 2]
-            costs.append(solver.cost(lifted, calibration, noise, graph.loss, annealing))
+            costs.append(solver.cost(lifted, calibration, states.lasting, noise, graph.loss, annealing))
             at[n, c] = before
         return (costs[0] - 8 * costs[1] + 8 * costs[2] - costs[3]) / (12 * h)
 
@@ -261,6 +262,7 @@ def test_step_noise_and_its_evidence_are_those_of_a_dense_matrix(kind: str, refe
     factors, evidence, determined = walks.solver.step_noise(
         walks.places(states),
         states.calibration[walks.users],
+        states.lasting,
         graph.walk_noise(states.anchor_poses, replace(em_weights, step_weight=weights)),
         graph.loss,
         np.ones(len(counted), dtype=bool),
@@ -289,7 +291,7 @@ def test_the_determinant_is_that_of_gtsams_matrix(kind: str, reference: int) -> 
         walks, form = one.walks, GtsamForm(one)
         curvature = mean_curvature(one, one.height_curvature(states, em_weights))
         noise = one.walk_noise(states.anchor_poses, em_weights)
-        at = walks.places(states), states.calibration[walks.users]
+        at = walks.places(states), states.calibration[walks.users], states.lasting
         found.append(walks.solver.log_determinant(*at, noise, one.loss, curvature))
         factors = form.factors(states.anchor_poses, em_weights, height_curvature=curvature)
         information, _ = factors.linearize(form.values(states)).hessian(form.ordering())

@@ -9,6 +9,7 @@ from synchronizar.arrays import Array, Indices
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
 from synchronizar.preprocessing.range_weights import (
+    measured_correlation,
     measured_range_weights,
     measured_sizes,
     neighbour_counts,
@@ -54,9 +55,14 @@ def found(measurements: RangeMeasurements, whitened: Array, judged: float = 0.1,
     """The worth with one antenna at each end."""
     n = len(measurements)
     weight = np.ones(n) if weight is None else weight
-    return measured_range_weights(
-        measurements, np.full(n, judged), whitened, weight, np.zeros(n, dtype=np.int32), MODEL
-    )
+    return worths(measurements, np.full(n, judged), whitened, weight, np.zeros(n, dtype=np.int32))
+
+
+def worths(measurements: RangeMeasurements, judged: Array, whitened: Array, weight: Array, links: Indices) -> Array:
+    """(n,) the worth with errors judged at 1 sigma `judged` (n,), between antennas `links` (n,)."""
+    reach = MODEL.ranges.multipath_duration
+    correlation = measured_correlation(measurements, whitened, weight, links, reach, MODEL)
+    return measured_range_weights(measurements, measurements.sigma / judged, weight, correlation, MODEL)
 
 
 def inside(column: Array) -> Array:
@@ -149,18 +155,16 @@ def test_antennas_that_take_turns_are_compared_each_with_itself() -> None:
     whitened = np.column_stack([of_antenna, -of_antenna]).ravel()
     links = np.tile(np.array([7, 3], dtype=np.int32), n)
     measurements = one_pair(2 * n, hz=2.0 * HZ)
-    of_links = measured_range_weights(measurements, np.full(2 * n, 0.1), whitened, np.ones(2 * n), links, MODEL)
+    of_links = worths(measurements, np.full(2 * n, 0.1), whitened, np.ones(2 * n), links)
     np.testing.assert_allclose(inside(inside(of_links)), 1.0 / (1.0 + 0.6 * 48.0), rtol=0.1)
-    of_one = measured_range_weights(
-        measurements, np.full(2 * n, 0.1), whitened, np.ones(2 * n), np.zeros(2 * n, dtype=np.int32), MODEL
-    )
+    of_one = worths(measurements, np.full(2 * n, 0.1), whitened, np.ones(2 * n), np.zeros(2 * n, dtype=np.int32))
     assert of_one.mean() > 3.0 * of_links.mean()
 
 
 def test_ranges_of_different_antennas_tell_nothing_of_one_another() -> None:
     """Each range is between two antennas of its own: what the model says stays, but for what chance may show."""
     measurements, links = one_pair(200), np.arange(200, dtype=np.int32)
-    alone = measured_range_weights(measurements, np.full(200, 0.1), np.ones(200), np.ones(200), links, MODEL)
+    alone = worths(measurements, np.full(200, 0.1), np.ones(200), np.ones(200), links)
     np.testing.assert_allclose(inside(alone), 1.0 / (1.0 + 24.0 * (0.5 - 1.5**2 / 20.0 / 0.5)))
 
 
@@ -199,7 +203,7 @@ def test_a_range_is_never_worth_more_than_the_recording_says(seed: int, n: int, 
     measurements = samples_of_pairs([np.sort(random.uniform(0.0, 20.0, n)) for _ in range(2)])
     links: Indices = random.integers(0, 3, 2 * n).astype(np.int32)
     whitened, weight = random.standard_cauchy(2 * n), random.random(2 * n)
-    of_each = measured_range_weights(measurements, np.full(2 * n, judged), whitened, weight, links, MODEL)
+    of_each = worths(measurements, np.full(2 * n, judged), whitened, weight, links)
     assert (of_each > 0.0).all()
     assert (of_each <= (judged / 0.1) ** 2 * (1.0 + 1e-12)).all()
 

@@ -25,7 +25,7 @@ from synchronizar.estimation.incremental.slot_states import SlotStates
 from synchronizar.graph.priors import bursts_of, nlos_mixture
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.range_measurements import RangeMeasurements, pairs
-from synchronizar.preprocessing.range_weights import measured_range_weights, measured_sizes
+from synchronizar.preprocessing.range_weights import measured_correlation, measured_range_weights, measured_sizes
 
 _SUREST = 27.0  # log odds that a range is NLOS, at most
 _CHANGED = 0.1  # of a range's probability of line of sight, or relative of its weight: its slot is taken in anew
@@ -114,7 +114,9 @@ class RangeWeighing:
             i, j, t, none, none, part[:, DISTANCE].copy(), nominal, part[:, ODDS].copy(), np.zeros(len(part), np.int32)
         )
         links = part[:, LINK].astype(np.int32)
-        out = measured_range_weights(measurements, part[:, SIGMA].copy(), whitened, weight, links, self._parameters)
+        m = self._parameters
+        correlation = measured_correlation(measurements, whitened, weight, links, m.ranges.multipath_duration, m)
+        out = measured_range_weights(measurements, nominal / part[:, SIGMA], weight, correlation, m)
         recent = t > t.max() - self._parameters.ranges.multipath_duration
         for pair in pairs(measurements):
             k = pair.measurements

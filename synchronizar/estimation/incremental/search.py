@@ -36,7 +36,7 @@ def search(snapshot: Snapshot) -> Found | None:
     if len(problem.measurements) < FEWEST_RANGES:
         return None
     repaired = {name: _repaired(snapshot, name) for name in snapshot.recording.tracks}
-    minima, noise, _ = solve(problem, repaired, begun=_starts(snapshot, problem.active_users), far=False)
+    minima, noise, _ = solve(problem, repaired, begun=_starts(snapshot, problem.active_users), whole=False)
     minima = [optimum for optimum in minima if _agrees(optimum, snapshot)] or minima
     assessed = assess_calibrated(minima, noise, snapshot.registered, snapshot.parameters.incremental.judged_walk)
     users = {u: _found(snapshot, assessed, u) for u in problem.active_users}
