@@ -47,8 +47,7 @@ class FoundVerdicts:
         if state is State.REGISTERED:
             if standing.registered_at is None:
                 standing.registered_at = found.t
-                self._confirm(user, found.t)
-                self._confirm(self._roster.reference, found.t)
+                self._confirm(standing, found.t)
             standing.proven = found.t - standing.registered_at >= m.proven_duration and own.single
             standing.contradicted = False
         else:
@@ -108,9 +107,8 @@ class FoundVerdicts:
         followed, found = self._following.tracking.costs_of(user, ranges.serial, -ranges.residual)
         return float((followed - found).sum())
 
-    def _confirm(self, user: int, t: float) -> None:
+    def _confirm(self, standing: Standing, t: float) -> None:
         """A search that saw as much since a user's SLAM paused as of one who has just come tells where that goes on."""
-        standing = self._roster.standings[user]
         since = standing.unconfirmed_since
         if since is not None and t - since >= self._roster.parameters.integrity.least_duration:
             standing.unconfirmed_since = None

@@ -21,7 +21,6 @@ from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.pose_stream import PoseStream, SetAside
 
-_CONFIRMED_BY = "its next ranges tell whether its frame is still the same"
 _MOST_JUDGED = 500  # poses by which attitudes are judged
 
 
@@ -150,9 +149,11 @@ class Roster:
                 return State.UNOBSERVABLE, "the reference's own track is contradicted"
             if stream is not None and stream.suspect is not None:
                 return State.UNOBSERVABLE, _doubt_of(stream)
-            for whose, paused in (("its", standing), ("the reference's", self.standings[self.reference])):
-                if paused.unconfirmed_since is not None:
-                    return State.UNOBSERVABLE, f"{whose} SLAM has paused: {_CONFIRMED_BY}"
+            if standing.unconfirmed_since is not None:
+                return (
+                    State.UNOBSERVABLE,
+                    "its SLAM has paused: its next ranges tell whether its frame is still the same",
+                )
             if not suspected.isdisjoint((user, self.reference)):
                 return State.UNOBSERVABLE, "its latest ranges may say that it is somewhere else"
         return standing.state, standing.reason

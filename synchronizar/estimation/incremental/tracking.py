@@ -217,8 +217,8 @@ class Tracking:
         self._insert(user, slot, stamp, place, state)
         self._tie(user, before, self.members[user])
         if self.streams[user] is not None:
-            place, _, heading = self._steps[user, slot][1].sigma
-            self.drift.open(user, (before.slot, before.state), (slot, state), (place, heading))
+            metres, _, radians = self._steps[user, slot][1].sigma
+            self.drift.open(user, (before.slot, before.state), (slot, state), (metres, radians))
         if self.is_surveyed(user):
             self._hold(user, slot)
         return True
@@ -243,7 +243,7 @@ class Tracking:
 
     def noise_of(self, user: int) -> Array:
         """(2,) factors on the usual drift of a user's place and heading: by searches, and by what is seen since."""
-        return np.maximum(self.noise[user], self.drift.factors[user])
+        return np.asarray(np.maximum(self.noise[user], self.drift.factors[user]))
 
     def _step(self, user: int, a: Tracked, b: Tracked) -> SlamStep:
         slam, stream = self.parameters.slam, self.streams[user]

@@ -95,12 +95,3 @@ def test_a_search_that_saw_enough_since_a_pause_confirms_where_slam_goes_on() ->
         walk.search(5.0)
         state, _ = walk.roster.state(BOB, frozenset())
         assert (state is State.REGISTERED) == confirmed
-
-
-def test_beside_a_reference_whose_slam_has_paused_nobody_is_known() -> None:
-    walk = Walk()
-    walk.roster.standings[0].unconfirmed_since = 4.5
-    walk.search(5.0)
-    state, reason = walk.roster.state(BOB, frozenset())
-    assert state is State.UNOBSERVABLE
-    assert "reference" in reason
