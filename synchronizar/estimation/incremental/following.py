@@ -87,7 +87,13 @@ class Following:
             self._look_at_drift(self.members.joint)
 
     def _look_at_drift(self, joint: Joint) -> None:
-        """What is known of everybody at the begin of the newest slots."""
+        """What is known of everybody at the begin of the newest slots.
+
+        Not where ranges are NLOS: these move people as drift does, and by more than covariances say.
+        """
+        if self.nlos_share > self._roster.parameters.search.doubtful_share:
+            self.tracking.drift.begin()
+            return
         for n, (user, slot) in enumerate(joint.at):
             covariance = joint.covariance[n, :, n][np.ix_(_DRIFTING, _DRIFTING)]
             self.tracking.drift.look(user, slot, covariance, self.tracking.noise_of(user))
