@@ -156,23 +156,31 @@ def _extent_about_last(graph: PoseGraph, states: States, duration: float) -> Arr
 def _contradicted(graph: PoseGraph, states: States) -> dict[int, str]:
     """The users who are not where they seem, and why: their ranges are too short, which nothing makes them.
 
-    Who has most of these goes first, and its ranges count no more for the others.
+    Who has most of these goes first, and its ranges count no more for the others. One radio that tells wrong distances
+    for a while has many, and the others then none; where nobody has many, but two have some, as where radios were
+    exchanged, fewer do.
     """
     limits, s = graph.parameters.integrity, graph.measurements
     short = graph.residuals(states) > limits.innovation_sigmas * graph.sigma
-    left, out, k = np.ones(len(s), dtype=bool), {}, len(graph.users)
-    while True:
+    left, shares, k = np.ones(len(s), dtype=bool), list[tuple[int, float]](), len(graph.users)
+    while len(shares) < k:
         count, off = (
             np.bincount(s.i[which], minlength=k) + np.bincount(s.j[which], minlength=k)
             for which in (left, left & short)
         )
         share = np.where(count >= _FEWEST_RANGES, off / np.maximum(count, 1), 0.0)
         u = max(range(k), key=lambda v: (float(share[v]), v != graph.reference))
-        if share[u] <= limits.largest_short:
+        if share[u] <= limits.largest_short_of_two:
             break
-        out[u] = f"{share[u]:.0%} of its ranges are too short by more than noise: it is not where its track has it"
+        shares.append((u, float(share[u])))
         left &= (s.i != u) & (s.j != u)
-    return out
+    most = max((share for _, share in shares), default=0.0)
+    if most > limits.largest_short:
+        shares = [(u, share) for u, share in shares if share > limits.largest_short]
+    elif len(shares) < 2:
+        return {}
+    reason = "{:.0%} of its ranges are too short by more than noise: it is not where its track has it"
+    return {u: reason.format(share) for u, share in shares}
 
 
 def _no_odometry(graph: PoseGraph, drift: Array | None) -> dict[int, str]:
