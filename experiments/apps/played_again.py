@@ -8,7 +8,7 @@ room's page in headless Chromium, from whose canvas the circles of the ball and 
 Told are, in m, how far a ball that flies or lies is drawn from where the record says at the moment that the page says
 that it is; the same of coins, and the share of frames with all coins of the record and no other, while the record has
 had no change for half a second; and how far behind the page is, in s of the record, beside who hears the same room
-without a page. With `--out`, a picture of the page.
+without a page. With `--out`, a picture of the page when most are in place and most things lie there.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import os
 import sys
 import time
 from bisect import bisect_right
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -148,9 +148,10 @@ def judged(frames: Sequence[Frame], record: Record, heard: Sequence[tuple[float,
     balls: list[float] = []
     coins: list[float] = []
     alike: list[bool] = []
-    # Before it is played the room has a time of its own.
+    # Before it is played the room has a time of its own: now, which is not long after a record that was just made.
     heard = [(wall, t) for wall, t in heard if record.lasts(t)]
-    frames = [frame for frame in frames if heard and heard[0][1] <= frame.t <= heard[-1][1]]
+    heard = heard[min(range(len(heard)), key=lambda k: heard[k][1], default=0) :]
+    frames = [f for f in frames if heard and f.wall >= heard[0][0] and heard[0][1] <= f.t <= heard[-1][1]]
     for frame in frames:
         ball, there = record.ball(frame.t), record.coins(frame.t)
         if ball is not None and frame.balls:
@@ -196,14 +197,17 @@ async def watched(
         process = await asyncio.create_subprocess_exec(*playing, stdout=asyncio.subprocess.DEVNULL)
         ending = asyncio.create_task(process.wait())
         rows: list[list[Any]] = []
-        shot = False
+        most = (0, 0)
         while not ending.done():
             await asyncio.sleep(0.5)
             new = await browser.told(page, "drawn.splice(0)")
             rows += new
-            if out is not None and not shot and len(heard) > 1200 and any(what != "frame" for _, what, *_ in new):
-                await page.screenshot(path=out / "played_again.png")
-                shot = True
+            if out is not None:
+                in_place = await page.evaluate("parseInt(document.getElementById('count-registered').textContent) || 0")
+                drawn = max(Counter(number for number, what, *_ in new if what != "frame").values(), default=0)
+                if (in_place, drawn) > most:
+                    await page.screenshot(path=out / "played_again.png")
+                    most = in_place, drawn
         rows += await browser.told(page, "drawn.splice(0)")
         listening.cancel()
         await chromium.close()

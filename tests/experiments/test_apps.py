@@ -57,12 +57,14 @@ def test_a_record_has_a_balls_flight_and_coins_as_they_lay_once_they_have_lain_f
     assert np.array_equal(record.coins(5.0), np.zeros((0, 2)))  # type: ignore[arg-type]
 
 
-def test_what_a_page_drew_is_judged_while_the_recording_lasts() -> None:
+@pytest.mark.parametrize("own_time", [1e9, 20.0])
+def test_what_a_page_drew_is_judged_while_the_recording_lasts(own_time: float) -> None:
+    # A record that has just been made is not long before the room's own time.
     record = Record([thing(0.0, "coin 0", THING, {"what": "coin"}, 1.0)])
-    rows = [[1, "frame", 100.0, 1e9], [2, "coin", 1.1, 0.0], [2, "frame", 110.9, 1.0], [3, "frame", 111.4, 1.5]]
+    rows = [[1, "frame", 100.0, own_time], [2, "coin", 1.1, 0.0], [2, "frame", 110.9, 1.0], [3, "frame", 111.4, 1.5]]
     frames = frames_of(rows)
     assert frames[1] == Frame(110.9, 1.0, [], [(1.1, 0.0)])
-    of = judged(frames, record, [(100.0, 1e9), (109.5, 0.0), (110.5, 1.0), (112.5, 3.0)])
+    of = judged(frames, record, [(100.0, own_time), (109.5, 0.0), (110.5, 1.0), (112.5, 3.0)])
     assert of["frames"] == of["frames with coins"] == 2
     assert of["share of these with all coins and no other"] == 0.5
     assert of["a coin off the record, p95"] == pytest.approx(0.1)
