@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
-import shlex
 import tomllib
 from pathlib import Path
 
@@ -26,11 +26,13 @@ def test_the_compose_file_has_commands_that_are_there() -> None:
     (text,) = blocks("yaml")
     services = yaml.YAML(typ="safe").load(text)["services"]
     assert services.keys() == {"room", "rosbridge", "bridge"}
-    name, *argv = services["bridge"]["command"]
+    name, *argv = services["bridge"]["entrypoint"] + services["bridge"]["command"]
     assert name == "synchronizar"
     assert parser_of(COMMANDS).parse_args(argv).bridges == [(None, "ws://127.0.0.1:9090")]
-    (inside,) = re.findall(r"exec synchronizar (serve --record \S+)", services["room"]["command"])
-    assert parser_of(COMMANDS).parse_args([*shlex.split(inside), "--resume"]).resume
+    assert services["room"].items() <= services["bridge"].items()
+    file = REPOSITORY / services["room"]["build"]["dockerfile"]
+    (kept,) = re.findall(r"^VOLUME (.*)$", file.read_text(), flags=re.MULTILINE)
+    assert sorted(json.loads(kept)) == sorted(volume.partition(":")[2] for volume in services["room"]["volumes"])
 
 
 def test_the_launch_file_is_python_and_its_command_is_there() -> None:
