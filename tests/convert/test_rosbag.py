@@ -304,3 +304,16 @@ def test_a_place_that_is_not_known_is_none(tmp_path: Path) -> None:
     assert main(["convert", str(bag), str(out)]) == 0
     users = {user.name: user.position for user in Recording.load(out).users}
     assert users == {"tb1": None, "tb2": None, "100": None, "101": (4.0, 4.0, 4.0)}
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_transform_that_is_no_number_is_left_out_of_a_track(tmp_path: Path) -> None:
+    store = store_with({}, 2)
+    rows = walk()
+    rows[5, 4:] = np.nan
+    messages = [
+        ("/tf", "tf2_msgs/msg/TFMessage", t, transforms(store, t, [("tb1/odom", "tb1/base_link", row)]))
+        for t, row in zip(rows[:, 0].tolist(), rows[:, 1:].tolist(), strict=True)
+    ]
+    imported = read(write_bag(tmp_path / "a", "sqlite3", store, messages))
+    np.testing.assert_allclose(imported.tracks["tb1"][:, 1:4], np.delete(rows, 5, axis=0)[:, 1:4], atol=1e-6)
