@@ -112,15 +112,20 @@ class _File:
             fields = tuple(json_fields(_json(schema.data))) if kind == "jsonschema" else ()
             fields = fields or tuple(fields_of_value(self._first(channel)))
         elif channel.message_encoding == "protobuf" and kind == "protobuf":
-            self._decoders[channel.id], fields = decoder_of(name, schema.data)
+            try:
+                self._decoders[channel.id], fields = decoder_of(name, schema.data)
+            except (ValueError, TypeError, KeyError) as error:
+                fault = " ".join(str(error).split())
+                return Topic(channel.topic, name, 0, unread=f"protobuf whose descriptors cannot be read: {fault}")
         else:
             said = channel.message_encoding or "an encoding that is not said"
             return Topic(channel.topic, name, 0, unread=f"messages in {said}: ros1, cdr, json and protobuf are read")
         return Topic(channel.topic, name, 0, fields)
 
     def _first(self, channel: Any) -> Any:
-        """The first message of a channel whose schema says nothing."""
-        return next((json.loads(m.data) for _, c, m in self._messages([channel.topic]) if c.id == channel.id), None)
+        """The first message of a channel whose schema says nothing; empty where that is no object."""
+        data = next((m.data for _, c, m in self._messages([channel.topic]) if c.id == channel.id), b"null")
+        return _json(data)
 
     def _store(self, ros: int) -> Any:
         definitions = []
@@ -173,12 +178,13 @@ def _scanned(stream: BinaryIO) -> _Contents:
     return _Contents(schemas, channels, counts, begin, end, False)
 
 
-def _json(data: bytes) -> Any:
+def _json(data: bytes) -> dict[str, Any]:
+    """The object; an empty one for what is none."""
     try:
-        schema = json.loads(data)
-    except ValueError:
+        value = json.loads(data)
+    except (ValueError, RecursionError):
         return {}
-    return schema if isinstance(schema, dict) else {}
+    return value if isinstance(value, dict) else {}
 
 
 def _of_ros(store: Any, name: str, ros: int) -> Callable[[bytes], Any]:

@@ -229,7 +229,9 @@ def _tell(imported: Imported, roles: Roles) -> None:
                 f"no topic of ranges is known: if {listed(odd)} has some, say --topic 'NAME range=FIELD a=WHO b=WHO'"
                 " (--list shows fields)"
             )
-    unclear = sorted(name for name, why in roles.rest.items() if why.startswith(("may have", "a type", "messages in")))
+    unclear = sorted(
+        name for name, why in roles.rest.items() if why.startswith(("may have", "a type", "messages in", "protobuf"))
+    )
     for name in unclear:
         imported.note(f"{name} is not read: {roles.rest[name]}")
 

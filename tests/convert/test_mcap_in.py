@@ -191,6 +191,25 @@ def test_a_schema_that_is_none_says_nothing(tmp_path: Path, schema: bytes) -> No
     assert list(imported.ranges.distance) == [2.0]
 
 
+@pytest.mark.parametrize(
+    ("kind", "schema", "data"),
+    [
+        ("protobuf", b"none", b"\x08\x01"),
+        ("protobuf", b"\n\x00", b"\x08\x01"),
+        ("json", b"", b"{no"),
+        ("json", b"", b"[" * 9999),
+    ],
+)
+def test_a_topic_that_cannot_be_understood_does_not_spoil_the_others(
+    tmp_path: Path, kind: str, schema: bytes, data: bytes
+) -> None:
+    good = json.dumps({"time": 1.0, "from_id": "a", "to_id": "b", "distance": 2.0}).encode()
+    topics = {"/odd": (kind, "some.Type", schema), "/uwb": ("json", "", b"")}
+    imported = read(write(tmp_path / "a.mcap", topics, [("/odd", 1.0, data), ("/uwb", 2.0, good)]))
+    assert list(imported.ranges.distance) == [2.0]
+    assert any(note.startswith("/odd is not read: ") for note in imported.notes)
+
+
 def test_messages_in_another_encoding_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write(tmp_path / "a.mcap", {"/p": ("flatbuffer", "foxglove.PoseInFrame", b"bfbs")}, [("/p", 5.0, b"\0\0")])
     assert main(["convert", str(file), "--list"]) == 0
