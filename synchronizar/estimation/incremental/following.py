@@ -25,7 +25,7 @@ _DRIFTING = (0, 1, 3, 4)  # x, y, yaw, log scale among what is known of a member
 class Following:
     """Everybody whose place is known well enough for ranges to be linear in it."""
 
-    KEPT: ClassVar[tuple[str, ...]] = ("shift", "spread", "nlos_share", "_begun")
+    KEPT: ClassVar[tuple[str, ...]] = ("shift", "spread", "nlos_share", "_begun", "_drift_unseen")
 
     def __init__(self, roster: Roster, log: RangeLog) -> None:
         self._roster, self._log = roster, log
@@ -39,6 +39,7 @@ class Following:
         """m, 1 sigma of the place of each who was judged."""
         self.nlos_share = 0.0
         """Of the members' latest ranges, when they were judged last."""
+        self._drift_unseen = False
         self._begun: Placed | None = None
         """Where the reference was followed to be last; None before anybody was followed."""
 
@@ -84,6 +85,9 @@ class Following:
         """What the graph tells of all members; `before`: what it told last. Raises RuntimeError if it is singular."""
         self.members = Members(self.tracking, self._roster.reference, self.shift, before)
         if self.members.joint is not before:
+            self._drift_unseen = True
+        elif self._drift_unseen:  # what is done once a slot is not all done at once
+            self._drift_unseen = False
             self._look_at_drift(self.members.joint)
 
     def _look_at_drift(self, joint: Joint) -> None:
@@ -94,9 +98,11 @@ class Following:
         if self.nlos_share > self._roster.parameters.search.doubtful_share:
             self.tracking.drift.begin()
             return
-        for n, (user, slot) in enumerate(joint.at):
-            covariance = joint.covariance[n, :, n][np.ix_(_DRIFTING, _DRIFTING)]
-            self.tracking.drift.look(user, slot, covariance, self.tracking.noise_of(user))
+        users, slots = np.array(joint.at).T
+        own = np.arange(len(users))[:, None, None]
+        rows = np.array(_DRIFTING)
+        covariances = joint.covariance[own, rows[:, None], own, rows]
+        self.tracking.drift.look(users, slots, covariances, self.tracking.noise_of(users))
 
     def place_members(self) -> None:
         """Everybody who is followed is where the graph has it."""

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Indices
 from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import SlamParameters
 
@@ -27,11 +27,21 @@ _NOWHERE = -1
 class SeenDrift:
     """Of k users who are followed."""
 
-    KEPT: ClassVar[tuple[str, ...]] = ("_slot", "_ahead", "_step", "_covariance", "_last", "_sums")
+    KEPT: ClassVar[tuple[str, ...]] = (
+        "factors",
+        "_slot",
+        "_looked",
+        "_ahead",
+        "_step",
+        "_covariance",
+        "_last",
+        "_sums",
+    )
 
     def __init__(self, users: int, parameters: SlamParameters) -> None:
         self._parameters = parameters
-        self._slot = np.full(users, _NOWHERE)  # the newest one that was opened
+        self._slot = np.full(users, _NOWHERE)  # the newest one that was opened, ...
+        self._looked = np.full(users, _NOWHERE)  # ... and looked at
         self._ahead = np.zeros((users, 3))  # x, y, yaw where SLAM's step led to, there
         self._step = np.full((users, 7), np.nan)
         """x, y, yaw that were corrected within the slot before; x, y of the step to the newest one; variances of that
@@ -40,14 +50,9 @@ class SeenDrift:
         self._last = np.full((users, _SLOTS, 9), np.nan)
         """Of each of the last slots x, y, yaw corrected; what is expected of the squares of place and heading; the
         variances of steps as they were used; as they are usual."""
-        self._sums = np.zeros((users, 4))  # squares over usual variances, of place and heading; what is expected so
-
-    @property
-    def factors(self) -> Array:
+        self.factors = np.ones((users, 2))
         """(k, 2) on the usual drift of each user's place and heading, 1 at least."""
-        weight = self._parameters.drift_seen_weight
-        squares = (weight + self._sums[:, :2]) / (weight + self._sums[:, 2:])
-        return np.sqrt(np.clip(squares, 1.0, _LARGEST**2))
+        self._sums = np.zeros((users, 4))  # squares over usual variances, of place and heading; what is expected so
 
     def add_user(self) -> None:
         """One more, who is not followed yet."""
@@ -61,7 +66,7 @@ class SeenDrift:
 
     def forget(self, user: int) -> None:
         """Its SLAM began anew."""
-        self._slot[user], self._last[user], self._sums[user] = _NOWHERE, np.nan, 0.0
+        self._slot[user], self._last[user], self._sums[user], self.factors[user] = _NOWHERE, np.nan, 0.0, 1.0
 
     def open(self, user: int, before: tuple[int, Array], newest: tuple[int, Array], used: tuple[float, float]) -> None:
         """A slot was opened: the one before and where the user is at its begin now (7,); it and where the step leads.
@@ -70,38 +75,43 @@ class SeenDrift:
         """
         self._step[user] = np.nan
         if self._slot[user] == before[0]:
-            corrected = before[1][:3] - self._ahead[user]
-            corrected[2] = wrap_angle(float(corrected[2]))
-            self._step[user] = *corrected, *(newest[1] - before[1])[:2], *np.square(used)
+            self._step[user, :3] = before[1][:3] - self._ahead[user]
+            self._step[user, 2] = wrap_angle(float(self._step[user, 2]))
+            self._step[user, 3:5] = newest[1][:2] - before[1][:2]
+            self._step[user, 5:] = used[0] ** 2, used[1] ** 2
         self._slot[user], self._ahead[user] = newest[0], newest[1][:3]
 
-    def look(self, user: int, slot: int, covariance: Array, noise: Array) -> None:
-        """What was known of a user when a slot began: (4, 4) of x, y, yaw, log scale; `noise` (2,) of its step."""
-        if slot != self._slot[user]:
-            return
-        before, step = self._covariance[user], self._step[user]
-        self._covariance[user] = covariance
-        if np.isnan(step[0]):
-            self._last[user] = np.nan
-            return
-        x, y, *used = step[3:].tolist()
-        back = np.eye(_KNOWN)  # errors at the step's begin, by those at its end
-        back[:2, 2:] = [[y, -x], [-x, -y]]
-        end = covariance - np.diag([used[0], used[0], used[1], 0.0])
-        expected = np.diag(before - back @ end @ back.T)
-        of_both = [0.5 * float(expected[0] + expected[1]), float(expected[2])]
-        self._last[user] = np.roll(self._last[user], -1, axis=0)
-        self._last[user, -1] = *step[:3], *of_both, *used, *(np.array(used) / noise**2)
-        self._step[user] = np.nan
-        self._add(user)
+    def look(self, users: Indices, slots: Indices, covariances: Array, noise: Array) -> None:
+        """What is known of m users where slots begin: (m, 4, 4) of x, y, yaw, log scale; `noise` (m, 2) of the steps.
 
-    def _add(self, user: int) -> None:
-        sums = self._last[user].sum(axis=0)
-        if np.isnan(sums[0]):
+        Of each slot what was known first counts: the others may turn to theirs a little later.
+        """
+        new = (slots == self._slot[users]) & (slots != self._looked[users])
+        users, slots, covariances, noise = users[new], slots[new], covariances[new], noise[new]
+        self._looked[users] = slots
+        before, step = self._covariance[users], self._step[users]
+        self._covariance[users], self._step[users] = covariances, np.nan
+        x, y, used = step[:, 3], step[:, 4], step[:, 5:]
+        back = np.tile(np.eye(_KNOWN), (len(users), 1, 1))  # errors at the step's begin, by those at its end
+        back[:, 0, 2], back[:, 0, 3], back[:, 1, 2], back[:, 1, 3] = y, -x, -x, -y
+        end = covariances.copy()
+        end[:, [0, 1, 2], [0, 1, 2]] -= used[:, [0, 0, 1]]
+        expected = (before - back @ end @ back.swapaxes(1, 2))[:, [0, 1, 2], [0, 1, 2]]
+        of_both = np.column_stack([0.5 * (expected[:, 0] + expected[:, 1]), expected[:, 2]])
+        newest = np.hstack([step[:, :3], of_both, used, used / noise**2])
+        self._last[users] = np.concatenate([self._last[users, 1:], newest[:, None]], axis=1)
+        self._add(users)
+
+    def _add(self, users: Indices) -> None:
+        sums = self._last[users].sum(axis=1)
+        whole = ~np.isnan(sums[:, 0])
+        users, sums = users[whole], sums[whole]
+        if not len(users):
             return
-        x, y, yaw = sums[:3].tolist()
-        squares = np.array([0.5 * (x * x + y * y), yaw * yaw]) / sums[7:]
-        told = np.clip(sums[3:5] / sums[5:7], 0.0, 1.0)
-        slipped = squares > self._parameters.slip_sigmas**2
-        self._sums[user] *= 1.0 - 1.0 / _MEMORY
-        self._sums[user] += np.where(np.tile(slipped, 2), 0.0, np.concatenate([squares, told]))
+        squares = np.column_stack([0.5 * (sums[:, 0] ** 2 + sums[:, 1] ** 2), sums[:, 2] ** 2]) / sums[:, 7:]
+        told = np.clip(sums[:, 3:5] / sums[:, 5:7], 0.0, 1.0)
+        ordinary = squares < self._parameters.slip_sigmas**2
+        self._sums[users] *= 1.0 - 1.0 / _MEMORY
+        self._sums[users] += np.hstack([squares * ordinary, told * ordinary])
+        weight, known = self._parameters.drift_seen_weight, self._sums[users]
+        self.factors[users] = np.sqrt(np.clip((weight + known[:, :2]) / (weight + known[:, 2:]), 1.0, _LARGEST**2))

@@ -241,9 +241,9 @@ class Tracking:
             return step_factor(user, before, slot, step, self.parameters)
         return calibration_walk_factor(user, before, slot, step.duration, self.parameters)
 
-    def noise_of(self, user: int) -> Array:
-        """(2,) factors on the usual drift of a user's place and heading: by searches, and by what is seen since."""
-        return np.asarray(np.maximum(self.noise[user], self.drift.factors[user]))
+    def noise_of(self, users: int | Indices) -> Array:
+        """(..., 2) factors on the usual drift of users' places and headings: by searches, and by what is seen since."""
+        return np.asarray(np.maximum(self.noise[users], self.drift.factors[users]))
 
     def _step(self, user: int, a: Tracked, b: Tracked) -> SlamStep:
         slam, stream = self.parameters.slam, self.streams[user]
