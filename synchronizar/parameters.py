@@ -286,8 +286,9 @@ class IntegrityParameters:
     wrong_share: float = 5e-3
     """A user is registered when the probability of being wrong in the plane, and in heading, is below this, ..."""
     wrong_height_share: float = 0.015
-    """... and in height below this: of 870 simulated users one in 40 lay between both limits, none of whom was off, and
-    one of nine between this and 0.025; on average of all who are registered it is below 1 in 2000, ..."""
+    """... and in height below this, once all has come: of 870 simulated users one in 40 lay between both limits, none
+    of whom was off, and one of nine between this and 0.025; on average of all who are registered it is below 1 in 2000.
+    While people walk more ranges will tell, ..."""
     wrong_share_kept: float = 0.05
     """... and stays so while each is below this, so that states do not flicker."""
     cost_excluded: float = 7.0

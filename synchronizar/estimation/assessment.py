@@ -82,7 +82,8 @@ def assess(
     cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
     risen = _risen(graph, states) if np.isinf(duration) else {}  # while people walk, ranges tell of it as they come
     contradicted = cut | risen | _contradicted(graph, states) | _no_odometry(graph, drift)
-    judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted)
+    whole = bool(np.isinf(duration))
+    judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted, whole)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
             judged[u] = with_survey(verdict, states.anchor_poses[u, :3] - graph.problem.survey[u], graph, u)

@@ -62,13 +62,15 @@ def verdicts(
     parameters: Parameters,
     registered: Collection[int] = (),
     contradicted: Mapping[int, str] | None = None,
+    whole: bool = False,
 ) -> list[Verdict | None]:
     """The verdict on each active user, None for the others.
 
     `found` are the hypotheses, best first, `rejected` (k,) the share of each user's ranges that do not fit,
     `systematic` users whose residuals are no noise, `extent` (k, c, 3) m the extent points of each user's track in its
     own frame. Users that are `registered` already stay so up to a higher probability of being wrong.
-    `contradicted` are users who are not where they seem, with the reason.
+    `contradicted` are users who are not where they seem, with the reason. `whole`: all has come, and nothing more will
+    tell heights.
     """
     best = found[0]
     apart, in_plane = np.zeros(len(graph.users)), np.zeros(len(graph.users))
@@ -98,7 +100,9 @@ def verdicts(
             if own > 0.5 * of and not (name == "yaw" and graph.users[u].static)
         )
         m = parameters.integrity
-        limits = (m.wrong_share_kept,) * 2 if u in registered else (m.wrong_share, m.wrong_height_share)
+        limits = (m.wrong_share_kept if u in registered else m.wrong_share,) * 2
+        if whole:
+            limits = (limits[0], max(limits[0], m.wrong_height_share))
         if higher[u] > limits[1]:
             apart[u] = max(apart[u], above[u])
             higher[u] = 0.0
@@ -130,10 +134,10 @@ def nearness_of(covariances: Array, yaw: float, static: bool, extent: Array, par
     """(m,) the same of a user at `yaw` (rad), were these its covariances (m, 4, 4)."""
     m, normal = parameters.integrity, NormalDist()
     in_plane = m.largest_error / np.sqrt(-2.0 * np.log(m.wrong_share))
-    in_height, in_line = (normal.inv_cdf(1.0 - 0.5 * share) for share in (m.wrong_height_share, m.wrong_share))
+    in_line = normal.inv_cdf(1.0 - 0.5 * m.wrong_share)
     plane, _ = _axes(covariances, np.full(len(covariances), yaw), extent)
     height, heading = np.sqrt(np.maximum(covariances[:, [2, 3], [2, 3]], 0.0)).T
-    ratios = [in_plane / np.maximum(plane, _LEAST), m.largest_error / in_height / np.maximum(height, _LEAST)]
+    ratios = [in_plane / np.maximum(plane, _LEAST), m.largest_error / in_line / np.maximum(height, _LEAST)]
     if not static:
         ratios.append(m.largest_yaw_error / in_line / np.maximum(heading, _LEAST))
     return np.asarray(np.min(ratios, axis=0))
