@@ -9,7 +9,7 @@ Near an optimum the likelihood of all calibrations is Gaussian, so the evidence 
 combination of factors is known in closed form, and so is how many calibrations the ranges determine (MacKay, Neural
 Computation 4, 1992), averaged over all combinations. The graph is then solved with the priors under which they
 determine as many: no combination is chosen, so nothing flips. Covariances are told as those of the mixture of all
-combinations, but no larger than under the usual priors (`marginals`).
+combinations, with a standard deviation of the variance more, but no larger than under the usual priors (`marginals`).
 """
 
 from __future__ import annotations
@@ -109,12 +109,10 @@ def measured_priors(
                 found[q] = np.exp(np.interp(np.log(wanted[q]), np.log(of_tried), np.log(_TRIED)))
     ours = posteriors(at, np.stack([found, np.ones(3)]))
     standing_in, of_usual = ours.covariance
-    # The law of total variance, about what is told.
-    off = mean - ours.mean[0]
-    total = np.einsum("m,mij->ij", weight, covariance) + (weight[:, None] * off).T @ off
     apart = ours.mean[1] - ours.mean[0]
     # What is wider than under the usual priors is their tail, which the graph's weights tell already.
-    told = _least_map(standing_in, _smaller(total, of_usual + np.outer(apart, apart)))
+    most = of_usual + np.outer(apart, apart)
+    told = _least_map(standing_in, _covariance_told(weight, covariance, mean - ours.mean[0], most))
     to_told = np.asarray(np.linalg.solve(root.T, (root @ told).T).T, dtype=float)
     usual_variances = np.diag(root @ of_usual @ root.T).reshape(k, 3)
     return CalibrationPriors(found * usual.own, found * usual.common, to_told, usual_variances)
@@ -163,11 +161,20 @@ def _least_map(before: Array, after: Array) -> Array:
     return np.asarray(axes @ (root / np.outer(sigma, sigma)) @ axes.T)
 
 
-def _smaller(a: Array, b: Array) -> Array:
-    """A covariance that is in each direction the smaller one of two, by directions in which neither is correlated."""
-    axes, sigma = _axes_of(b)
-    times, turned = np.linalg.eigh(_symmetric((axes.T @ a @ axes) / np.outer(sigma, sigma)))
-    root = axes @ (sigma[:, None] * turned) * np.sqrt(np.clip(times, 0.0, 1.0))
+def _covariance_told(weight: Array, covariances: Array, means: Array, most: Array) -> Array:
+    """(n, n): of a mixture of m normals about 0, in each direction up to that of `most`.
+
+    Which of them it is, is hardly known, and gives errors with tails: so a standard deviation of the variance is added
+    to the variance. Directions are those in which neither the mixture nor `most` is correlated.
+    """
+    total = np.einsum("m,mij->ij", weight, covariances) + (weight[:, None] * means).T @ means
+    axes, sigma = _axes_of(most)
+    _, turned = np.linalg.eigh(_symmetric((axes.T @ total @ axes) / np.outer(sigma, sigma)))
+    along = (axes / sigma) @ turned
+    of_each = ((covariances @ along) * along).sum(axis=1) + (means @ along) ** 2
+    variance = weight @ of_each
+    spread = np.sqrt(weight @ (of_each - variance) ** 2)
+    root = (axes * sigma) @ turned * np.sqrt(np.minimum(variance + spread, 1.0))
     return np.asarray(root @ root.T)
 
 

@@ -64,7 +64,7 @@ def test_one_width_determines_as_much_as_all_widths_do_on_average() -> None:
         assert found[SCALE] == found[CLOCK] == 1.0
 
 
-def test_the_covariance_is_that_of_the_mixture_of_all_widths() -> None:
+def test_the_covariance_is_told_by_the_mixture_of_all_widths() -> None:
     """By draws of widths and calibrations from the prior, weighed by their likelihood."""
     random = np.random.default_rng(4)
     likelihood = told(np.array([[0.0, 0.03, 0.0], [0.0, 0.01, 0.0]]), np.array([1e9, 0.8, 1e9]))
@@ -76,12 +76,20 @@ def test_the_covariance_is_that_of_the_mixture_of_all_widths() -> None:
     bias = width * (OWN[BIAS] * random.standard_normal((n, 2)) + COMMON[BIAS] * random.standard_normal((n, 1)))
     which = [BIAS, 3 + BIAS]
     weight = np.exp(bias @ likelihood.vector[which] - 0.5 * bias**2 @ np.diag(likelihood.information)[which])
-    expected = np.cov(bias.T, aweights=weight)
-    own, common = found.own[BIAS], found.common[BIAS]
     assert found.to_told is not None
-    precision = np.linalg.inv(own**2 * np.eye(2) + common**2) + likelihood.information[np.ix_(which, which)]
+    information = likelihood.information[np.ix_(which, which)]
+    standing_in, usual = (
+        np.linalg.inv(np.linalg.inv(own**2 * np.eye(2) + common**2) + information)
+        for own, common in ((found.own[BIAS], found.common[BIAS]), (OWN[BIAS], COMMON[BIAS]))
+    )
+    mean = standing_in @ likelihood.vector[which]
+    of_widths = [weight * (width[:, 0] == factor) for factor in priors._FACTORS]
+    shares = np.array([those.sum() for those in of_widths]) / weight.sum()
+    squares = np.array([((bias - mean).T * those) @ (bias - mean) / those.sum() for those in of_widths])
+    apart = usual @ likelihood.vector[which] - mean
+    expected = priors._covariance_told(shares, squares, np.zeros((len(shares), 2)), usual + np.outer(apart, apart))
     to_told = found.to_told[np.ix_(which, which)]
-    got = to_told @ np.linalg.inv(precision) @ to_told.T
+    got = to_told @ standing_in @ to_told.T
     np.testing.assert_allclose(got, expected, rtol=0.02, atol=0.02 * expected[0, 0])
 
 
@@ -94,15 +102,14 @@ def test_the_map_between_two_covariances_takes_the_one_to_the_other_and_is_none_
     np.testing.assert_allclose(priors._least_map(before, before), np.eye(6), atol=1e-6)
 
 
-def test_the_smaller_of_two_covariances_is_so_in_every_direction() -> None:
-    wide, narrow = np.diag([4.0, 1.0, 9.0]), np.diag([1.0, 2.0, 3.0])
+def test_what_is_told_of_a_mixture_is_its_variance_and_a_standard_deviation_of_that_up_to_a_limit() -> None:
+    share, variances = np.array([0.25, 0.75]), np.array([[4.0, 1.0, 9.0], [0.0, 1.0, 1.0]])
+    means, most = np.array([[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), np.array([10.0, 3.0, 5.0])
     turn = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))[0]
-    found = priors._smaller(turn @ wide @ turn.T, turn @ narrow @ turn.T)
-    np.testing.assert_allclose(found, turn @ np.diag([1.0, 1.0, 3.0]) @ turn.T, atol=1e-9)
-    random = np.random.default_rng(7)
-    a, b = (root @ root.T for root in random.normal(size=(2, 4, 4)))
-    for other in (a, b):
-        assert np.linalg.eigvalsh(other - priors._smaller(a, b)).min() > -1e-9
+    covariances = np.array([turn @ np.diag(v) @ turn.T for v in variances])
+    found = priors._covariance_told(share, covariances, means @ turn.T, turn @ np.diag(most) @ turn.T)
+    expected = [0.25 * 8.0 + np.sqrt(0.25 * 6.0**2 + 0.75 * 2.0**2), 1.0, 5.0]
+    np.testing.assert_allclose(found, turn @ np.diag(expected) @ turn.T, atol=1e-9)
 
 
 def test_covariances_are_no_larger_than_under_the_usual_priors() -> None:
