@@ -105,7 +105,9 @@ def _first_segment(problem: Problem) -> tuple[float, float]:
     measurements, length = problem.measurements, problem.parameters.search.first_stretch
     if not len(measurements) or np.ptp(measurements.t) <= _WHOLE * length:
         return -np.inf, np.inf
-    begins = np.arange(measurements.t.min(), measurements.t.max(), 0.5 * length)
+    # Segments in which there are ranges: sessions may lie weeks apart, and a stamp be decades astray.
+    step = 0.5 * length
+    begins = measurements.t.min() + step * np.unique((measurements.t - measurements.t.min()) // step)
     linked = [len(problem.part(_within(measurements, b, b + length)).active_users) for b in begins.tolist()]
     begin = float(begins[int(np.argmax(linked))])
     return begin, begin + length

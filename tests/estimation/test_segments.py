@@ -102,6 +102,14 @@ def test_the_first_stretch_is_the_whole_of_a_recording_of_two() -> None:
     assert end - begin == pytest.approx(SHORT.search.first_stretch)
 
 
+def test_a_range_decades_astray_makes_no_stretch_of_the_time_in_between() -> None:
+    """Stretches in between would be a hundred million."""
+    problem = Problem.of(simulate(Scene(seconds=42.0, seed=0)).recording, 0, SHORT)
+    measurements = problem.measurements
+    astray = replace(measurements, t=np.append(measurements.t[:-1], measurements.t[-1] + 1e9))
+    assert _first_segment(problem.with_measurements(astray)) == _first_segment(problem)
+
+
 def test_keyframes_are_far_apart_while_placements_are_compared() -> None:
     """Twenty in the first stretch, and none closer than those of the answer."""
     recording = simulate(Scene(seconds=38.0, seed=0)).recording
