@@ -373,6 +373,7 @@ def test_until_somebody_comes_nothing_is_different() -> None:
     assert told.frames[:came] == alone.frames[:came]
 
 
+@cache
 def left(poses_too: bool) -> Told:
     """The last user ranges no more after 8 s, and its SLAM may go on."""
     scene = replace(CLEAN, users=3)

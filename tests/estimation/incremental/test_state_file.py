@@ -4,7 +4,9 @@ import json
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -53,6 +55,8 @@ NOT_KEPT = {
     "Cueing": {"_roster", "_log", "_following"},
 }
 """Made anew of what is kept, given by the caller, or another part's."""
+CUTS, LATER_S = (0.05, 2.0, 6.33, 11.07, 13.3), 3.0
+"""s after the begin: when one is saved, and for how long both are compared from then on."""
 
 
 @cache
@@ -64,6 +68,14 @@ def walked(until: float) -> Engine:
     engine = Engine(recording().users, 0, PARAMETERS)
     feed(engine, recording(), end=until)
     return engine
+
+
+@cache
+def saved(until: float) -> bytes:
+    """A file's content."""
+    with TemporaryDirectory() as folder:
+        save(walked(until), Path(folder, "state.npz"), {})
+        return Path(folder, "state.npz").read_bytes()
 
 
 def assert_the_same(one: Engine, other: Engine, within: float) -> None:
@@ -90,18 +102,24 @@ def assert_the_same(one: Engine, other: Engine, within: float) -> None:
     assert len(ours.alternatives) == len(theirs.alternatives)
 
 
-@pytest.mark.parametrize("cut", [0.05, 2.0, 6.33, 11.07, 13.3])
-def test_who_is_saved_and_loaded_says_the_same_then_and_for_ever(cut: float, tmp_path: Path) -> None:
-    engine = walked(cut)
-    save(engine, tmp_path / "state.npz", {"up": "y"})
-    loaded, face = load(tmp_path / "state.npz", PARAMETERS, 0)
-    assert face == {"up": "y"}
-    assert loaded.users == engine.users
-    assert_the_same(loaded, engine, 1e-9)
-    told = [feed(each, recording(), cut, cut + 3.0) for each in (engine, loaded)]
-    assert told[0] == told[1]
-    assert list(loaded.following.tracking.members) == list(engine.following.tracking.members)
-    assert_the_same(loaded, engine, 1e-6)
+def test_who_is_saved_and_loaded_says_the_same_then_and_for_ever(tmp_path: Path) -> None:
+    """At five moments of one walk, and for 3 s from each."""
+    engine, walking = walked(CUTS[0]), {}
+    for now, then in pairwise(sorted({*CUTS, *(cut + LATER_S for cut in CUTS)})):
+        if now in CUTS:
+            save(engine, tmp_path / "state.npz", {"up": "y"})
+            loaded, face = load(tmp_path / "state.npz", PARAMETERS, 0)
+            assert face == {"up": "y"}
+            assert loaded.users == engine.users
+            assert_the_same(loaded, engine, 1e-9)
+            walking[now + LATER_S] = loaded
+        told = feed(engine, recording(), now, then)
+        for loaded in walking.values():
+            assert feed(loaded, recording(), now, then) == told
+        if (ending := walking.pop(then, None)) is not None:
+            assert list(ending.following.tracking.members) == list(engine.following.tracking.members)
+            assert_the_same(ending, engine, 1e-6)
+    assert not walking
 
 
 def test_the_walk_that_is_cut_has_followed_people_and_marginals() -> None:
@@ -119,7 +137,7 @@ def test_saving_changes_nothing(tmp_path: Path) -> None:
 
 def test_what_is_saved_twice_is_written_to_the_last_bit(tmp_path: Path) -> None:
     files = [tmp_path / "one.npz", tmp_path / "two.npz"]
-    save(walked(8.0), files[0], {})
+    files[0].write_bytes(saved(8.0))
     save(load(files[0], PARAMETERS, 0)[0], files[1], {})
     with np.load(files[0]) as one, np.load(files[1]) as two:
         assert one.files == two.files
@@ -178,8 +196,7 @@ def test_a_file_that_is_no_saved_state_is_told(content: bytes, tmp_path: Path) -
 
 def test_a_damaged_file_is_told_wherever_the_damage_is(tmp_path: Path) -> None:
     file = tmp_path / "state.npz"
-    save(walked(5.0), file, {})
-    whole, random = file.read_bytes(), np.random.default_rng(0)
+    whole, random = saved(5.0), np.random.default_rng(0)
     for at in random.integers(0, len(whole), 30).tolist():
         file.write_bytes(whole[:at])
         with pytest.raises(InputError, match="no saved state"):
@@ -193,7 +210,7 @@ def test_a_damaged_file_is_told_wherever_the_damage_is(tmp_path: Path) -> None:
 
 def test_an_archive_that_does_not_fit_together_is_told(tmp_path: Path) -> None:
     file = tmp_path / "state.npz"
-    save(walked(5.0), file, {})
+    file.write_bytes(saved(5.0))
     with np.load(file) as archive:
         arrays = {name: archive[name] for name in archive.files}
     for name in list(arrays):
@@ -237,6 +254,6 @@ def test_what_cannot_be_written_leaves_the_file_that_was_there(tmp_path: Path, m
 
 
 def test_settings_of_the_search_may_change_between(tmp_path: Path) -> None:
-    save(walked(8.0), tmp_path / "state.npz", {})
+    (tmp_path / "state.npz").write_bytes(saved(8.0))
     loaded, _ = load(tmp_path / "state.npz", replace(PARAMETERS), 0)
     assert loaded.parameters == PARAMETERS
