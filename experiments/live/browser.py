@@ -16,6 +16,7 @@ import tarfile
 import time
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,6 +85,23 @@ _PHONE = """
 })();
 """
 
+# Pages draw so seldom: what else runs on the machine has time as well.
+_SELDOM = """
+(() => {
+  const ask = requestAnimationFrame.bind(globalThis), take = cancelAnimationFrame.bind(globalThis);
+  const asked = new Map();
+  globalThis.requestAnimationFrame = (call) => {
+    const id = setTimeout(() => asked.set(id, ask((t) => { asked.delete(id); call(t); })), PAUSE_MS);
+    return id;
+  };
+  globalThis.cancelAnimationFrame = (id) => {
+    clearTimeout(id);
+    if (asked.has(id)) take(asked.get(id));
+    asked.delete(id);
+  };
+})();
+"""
+
 
 def why_not() -> str | None:
     """Why no browser can be had here, in a sentence; None: it can."""
@@ -108,12 +126,15 @@ def iwer() -> str:
     script = REPOSITORY / "build" / "iwer" / f"iwer-{IWER}.min.js"
     if not script.is_file():
         script.parent.mkdir(parents=True, exist_ok=True)
-        run = ["npm", "pack", f"iwer@{IWER}", "--silent", "--pack-destination", str(script.parent)]
-        subprocess.run(run, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=120)
-        with tarfile.open(script.parent / f"iwer-{IWER}.tgz") as package:
-            content = package.extractfile("package/build/iwer.min.js")
-            assert content is not None
-            script.write_bytes(content.read())
+        # Another process may fetch it at the same time: it is there as a whole or not at all.
+        with TemporaryDirectory(dir=script.parent) as folder:
+            run = ["npm", "pack", f"iwer@{IWER}", "--silent", "--pack-destination", folder]
+            subprocess.run(run, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=120)
+            with tarfile.open(Path(folder, f"iwer-{IWER}.tgz")) as package:
+                content = package.extractfile("package/build/iwer.min.js")
+                assert content is not None
+                Path(folder, script.name).write_bytes(content.read())
+            Path(folder, script.name).replace(script)
     return script.read_text()
 
 
@@ -122,12 +143,19 @@ async def launch(playwright: Playwright) -> Browser:
     return await playwright.chromium.launch(executable_path=chromium(), args=FLAGS, timeout=1000.0 * PATIENCE_S)
 
 
-async def context(browser: Browser, width: int, height: int, dark: bool = False, phone: bool = False) -> BrowserContext:
-    """A profile of its own, as each device needs: the hidden pages of one profile hardly run. `phone`: emulates one."""
+async def context(
+    browser: Browser, width: int, height: int, dark: bool = False, phone: bool = False, pause_s: float = 0.0
+) -> BrowserContext:
+    """A profile of its own, as each device needs: the hidden pages of one profile hardly run.
+
+    `phone`: emulates one. `pause_s`: for which a page waits after each frame before it asks for the next.
+    """
     made = await browser.new_context(
         viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light", ignore_https_errors=True
     )
     made.set_default_timeout(1000.0 * PATIENCE_S)
+    if pause_s > 0.0:
+        await made.add_init_script(_SELDOM.replace("PAUSE_MS", str(1000.0 * pause_s)))
     if phone:
         await made.add_init_script(iwer() + _PHONE)
     return made
