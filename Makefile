@@ -6,7 +6,9 @@ BIN := $(VENV)/bin
 CORE_SOURCES := $(wildcard factors/*.cpp firmware/core/*.c firmware/sim/*.cpp firmware/targets/host/*.cpp)
 CORE := CMakeLists.txt firmware/CMakeLists.txt bindings/bindings.cpp $(CORE_SOURCES) $(wildcard $(addsuffix /*.h,factors firmware/core firmware/sim firmware/targets/host))
 CORE_TESTS := $(wildcard tests/cpp/* firmware/tests/*.[ch] firmware/tests/*/*.[ch] firmware/tests/*/*.cpp)
+# The package is built where its core's tests are: what both need is compiled once.
 CTEST := build/ctest
+FIRMWARE_TESTS := PATH="$(abspath $(BIN)):$$PATH" firmware/tests/run.sh
 
 # How long each of the firmware's fuzz targets runs.
 export FUZZ_SECONDS ?= 5
@@ -14,7 +16,7 @@ export FUZZ_SECONDS ?= 5
 STUDIES := $(addprefix paper.,sampling_space distance sample_count pointing traces) \
 	$(addprefix sweeps.,sweeps ranges_needed beside_bound beside_recordings)
 
-.PHONY: demo live modules test lint audit docs sizes bench experiments integrity clean
+.PHONY: demo live modules test fuzz ctest lint audit docs sizes bench experiments integrity clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m experiments.demo --out demo
@@ -27,18 +29,26 @@ live: $(VENV)/tested-with
 modules: $(VENV)/tested-with
 	$(BIN)/python -m experiments.modules.end_to_end
 
-test: $(VENV)/tested-with $(CTEST)/built
-	$(BIN)/ctest --test-dir $(CTEST) --output-on-failure --parallel 2
-	PATH="$(abspath $(BIN)):$$PATH" firmware/tests/run.sh
+# What keeps one core busy runs beside what keeps the other: packages beside compilers, fuzzers beside tests in C and C++.
+test:
+	-for tool in riscv fuzz chromium npm; do tools/have.sh $$tool; done
+	+$(MAKE) --jobs=2 $(VENV)/tested-with $(CTEST)/built
+	+$(MAKE) --jobs=2 fuzz ctest
+	$(BIN)/python -m pytest --numprocesses=logical --dist=worksteal
+
+# Lines with a + give make's jobs to ninja and ctest, which share them: each fuzzer has a core.
+fuzz: $(VENV)/ready
+	+$(FIRMWARE_TESTS) fuzz
+
+ctest: $(CTEST)/built
+	+$(BIN)/ctest --test-dir $(CTEST) --output-on-failure --parallel 2
+	+$(FIRMWARE_TESTS) sanitized riscv
 	$(BIN)/python firmware/tests/mutations.py $(CTEST)
-	-tools/have.sh chromium
-	-tools/have.sh npm
-	$(BIN)/python -m pytest
 
 lint: $(VENV)/linted-with $(CTEST)/built
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers=2
 	$(BIN)/clang-format --dry-run --Werror $(filter-out %.txt,$(CORE) $(CORE_TESTS)) \
 		$(wildcard firmware/targets/esp-idf/*/*.[ch] firmware/targets/esp-idf/*/*/*.[ch])
 	printf '%s\n' $(CORE_SOURCES) | xargs -P 2 -n 2 $(BIN)/clang-tidy --quiet -p $(CTEST)
@@ -92,7 +102,10 @@ FORCE:
 
 # Without isolation, so that the tests' own build of the core finds the same Eigen.
 $(VENV)/installed: $(VENV)/modules $(CORE)
-	$(BIN)/python -m pip install --quiet --no-build-isolation --editable ".[webtransport,webrtc,mcap,ros]"
+	$(BIN)/python -m pip install --quiet --no-build-isolation --config-settings=build-dir=$(CTEST) \
+		--config-settings=cmake.define.CMAKE_COMPILE_WARNING_AS_ERROR=$(or $(CI),OFF) \
+		--config-settings=cmake.define.PYTHON_MODULE=ON \
+		--editable ".[webtransport,webrtc,mcap,ros]"
 	$(BIN)/python -c "import synchronizar._core"
 	touch $@
 
@@ -108,8 +121,7 @@ $(VENV)/documented-with: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --group docs
 	touch $@
 
-$(CTEST)/built: $(VENV)/ready $(CORE) $(CORE_TESTS)
-	$(BIN)/cmake -S . -B $(CTEST) -G Ninja -DPYTHON_MODULE=OFF -DCORE_TESTS=ON -DCMAKE_COMPILE_WARNING_AS_ERROR=$(or $(CI),OFF) \
-		-DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DPython_EXECUTABLE=$(abspath $(BIN))/python
-	$(BIN)/cmake --build $(CTEST)
+$(CTEST)/built: $(VENV)/installed $(CORE_TESTS)
+	$(BIN)/cmake -S . -B $(CTEST) -DCORE_TESTS=ON -DCMAKE_COMPILE_WARNING_AS_ERROR=$(or $(CI),OFF)
+	+$(BIN)/cmake --build $(CTEST)
 	touch $@
