@@ -100,9 +100,10 @@ class SlamParameters:
     """Sigmas of a step between keyframes beyond which SLAM slipped."""
 
     jump_sigma_m: float = 0.1
-    """m, 1 sigma of a step that was rebuilt from its neighbours because SLAM re-localised."""
+    """m, 1 sigma of a step that was rebuilt from its neighbours because SLAM re-localised, at most: `jump_spread` times
+    the noise level of the track's steps where these are predicted better."""
     jump_sigma_rad: float = 0.1
-    """rad, 1 sigma of the turn within it."""
+    """rad, 1 sigma of the turn within it, at most."""
     jump_least: float = 0.12
     """m: a smaller jump is left alone, since a rebuilt step is itself good to about 0.1 m."""
     jump_acceleration: float = 30.0

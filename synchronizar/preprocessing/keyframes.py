@@ -92,8 +92,9 @@ def keyframes_of(
     # Where SLAM had lost gravity only the length of a step is known.
     lost = ~repaired.level[segment[at[:-1]]]
     metres = np.hypot(metres, np.where(lost, distance, 0.0))
-    metres = np.where(jumped, parameters.slam.jump_sigma_m, metres)
-    radians = np.where(jumped, parameters.slam.jump_sigma_rad, radians)
+    of_metres, of_radians = repaired.rebuilt_sigma
+    metres = np.where(jumped, min(parameters.slam.jump_sigma_m, of_metres), metres)
+    radians = np.where(jumped, min(parameters.slam.jump_sigma_rad, of_radians), radians)
     sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA) / [unit, unit, 1.0]
     return Keyframes(track.t[at], track.position[at], sigma, _midpoints(due), jumped | lost)
 

@@ -52,6 +52,10 @@ class RepairedTrack:
     """(segments, 4) quaternions x y z w: a repaired attitude is this times SLAM's."""
     level: Mask
     """(segments,) whether SLAM's vertical was right. Where not, its steps are taken for horizontal."""
+    rebuilt_sigma: tuple[float, float] = (np.inf, np.inf)
+    """m and rad, 1 sigma of a rebuilt step by how well steps are predicted on this track; infinite where not known.
+
+    It is what tells jumps from motion, since smaller ones may be left in the steps beside."""
 
 
 def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrack:
@@ -81,8 +85,14 @@ def repair_relocalizations(track: Track, parameters: Parameters) -> RepairedTrac
             at, jump_lengths, yaw_of_quaternions(change), tilt_of_quaternions(change), strict=True
         )
     )
+    spread = parameters.slam.jump_spread
     return RepairedTrack(
-        Track(track.t, position, normalized_quaternions(attitude)), jumps, segment, repaired_from_slam, level
+        Track(track.t, position, normalized_quaternions(attitude)),
+        jumps,
+        segment,
+        repaired_from_slam,
+        level,
+        (spread * search.noise.position, spread * search.noise.attitude),
     )
 
 

@@ -98,6 +98,12 @@ def test_a_segment_of_a_single_pose_is_one_keyframe() -> None:
     np.testing.assert_allclose(keyframes.step_sigma[[1, 2]], [[0.7, 0.7, 0.9], [0.7, 0.7, 0.9]])
 
 
+def test_a_rebuilt_step_is_as_good_as_the_tracks_steps_are_predicted() -> None:
+    repaired = replace(repaired_tracks(straight(np.arange(10) / 10.0), begins=(5,)), rebuilt_sigma=(0.02, 1.5))
+    keyframes = keyframes_of(repaired, 10.0, MODEL)
+    np.testing.assert_allclose(keyframes.step_sigma[1], [0.02, 0.02, 0.9])
+
+
 def test_a_single_pose_is_one_keyframe_without_steps() -> None:
     keyframes = keyframes_of(repaired_tracks(straight(np.array([3.0]))), 1.0, MODEL)
     assert len(keyframes) == 1
