@@ -362,7 +362,7 @@ class IntegrityParameters:
     shift_gain: float = 13.0
     """Log likelihood that a shift gains, beside all that bursts of NLOS explain and what it costs, from which on users
     are there; ..."""
-    shift_gain_suspected: float = 5.0
+    shift_gain_suspected: float = 6.0
     """... and from which on they are not called registered until half of it is gone."""
     shift_gain_apart: float = 3.0
     """Shifts of others that gain less than this below the best may be the true ones too."""

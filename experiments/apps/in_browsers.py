@@ -112,23 +112,18 @@ class Game:
         simulation: Simulation,
         seed: int = 0,
         size: tuple[int, int] = (240, 400),
-        room_size: tuple[int, int] = (900, 600),
-        pause_s: float = 0.0,
         late: str = LATE,
         partner: str | None = None,
         seconds: float | None = None,
         frames: int = 0,
     ) -> None:
-        """`size`: of the phones' screens, px, and `room_size` of the room's; `pause_s`: between their frames.
-
-        `late`: who comes late.
+        """`size`: of the phones' screens, px. `late`: who comes late.
 
         `partner`: the program with which alone that one ranges, by simulated ranges that the program says; None: it has
         a module in the air, as all others have. `seconds`: how long they play, None: as long as they walk; where fewer
         than `frames` were drawn in place until then, as on a slow machine, they play on while they walk.
         """
         self.app, self.simulation, self._seed, self._size = app, simulation, seed, size
-        self._room_size, self._pause_s = room_size, pause_s
         self.late, self._partner = late, partner
         self.seconds, self._frames = simulation.scene.seconds if seconds is None else seconds, frames
         self.pages: dict[str, Page] = {}
@@ -155,11 +150,9 @@ class Game:
         async with AsyncExitStack() as stack:
             playwright = await stack.enter_async_context(async_playwright())
             chromium = await browser.launch(playwright)
-            room = await browser.context(chromium, *self._room_size, pause_s=self._pause_s)
-            self.room = await room.new_page()
+            self.room = await (await browser.context(chromium, 900, 600)).new_page()
             for name in PHONES:
-                phone = await browser.context(chromium, *self._size, phone=True, pause_s=self._pause_s)
-                self.pages[name] = await phone.new_page()
+                self.pages[name] = await (await browser.context(chromium, *self._size, phone=True)).new_page()
             self.complaints = [browser.complaints(page) for page in (self.room, *self.pages.values())]
             await self.room.goto(f"{where['url']}/room#{where['room']}")
             # However long pages take to load, people have the whole time.

@@ -85,23 +85,6 @@ _PHONE = """
 })();
 """
 
-# Pages draw so seldom: what else runs on the machine has time as well.
-_SELDOM = """
-(() => {
-  const ask = requestAnimationFrame.bind(globalThis), take = cancelAnimationFrame.bind(globalThis);
-  const asked = new Map();
-  globalThis.requestAnimationFrame = (call) => {
-    const id = setTimeout(() => asked.set(id, ask((t) => { asked.delete(id); call(t); })), PAUSE_MS);
-    return id;
-  };
-  globalThis.cancelAnimationFrame = (id) => {
-    clearTimeout(id);
-    if (asked.has(id)) take(asked.get(id));
-    asked.delete(id);
-  };
-})();
-"""
-
 
 def why_not() -> str | None:
     """Why no browser can be had here, in a sentence; None: it can."""
@@ -143,19 +126,12 @@ async def launch(playwright: Playwright) -> Browser:
     return await playwright.chromium.launch(executable_path=chromium(), args=FLAGS, timeout=1000.0 * PATIENCE_S)
 
 
-async def context(
-    browser: Browser, width: int, height: int, dark: bool = False, phone: bool = False, pause_s: float = 0.0
-) -> BrowserContext:
-    """A profile of its own, as each device needs: the hidden pages of one profile hardly run.
-
-    `phone`: emulates one. `pause_s`: for which a page waits after each frame before it asks for the next.
-    """
+async def context(browser: Browser, width: int, height: int, dark: bool = False, phone: bool = False) -> BrowserContext:
+    """A profile of its own, as each device needs: the hidden pages of one profile hardly run. `phone`: emulates one."""
     made = await browser.new_context(
         viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light", ignore_https_errors=True
     )
     made.set_default_timeout(1000.0 * PATIENCE_S)
-    if pause_s > 0.0:
-        await made.add_init_script(_SELDOM.replace("PAUSE_MS", str(1000.0 * pause_s)))
     if phone:
         await made.add_init_script(iwer() + _PHONE)
     return made

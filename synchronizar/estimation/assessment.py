@@ -80,9 +80,9 @@ def assess(
     covariances[:, :4, :4] = found[0].covariances
     held = [graph.reference, *np.flatnonzero(graph.problem.surveyed).tolist()]
     cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
-    risen = _risen(graph, states) if np.isinf(duration) else {}  # while people walk, ranges tell of it as they come
-    contradicted = cut | risen | _contradicted(graph, states) | _no_odometry(graph, drift)
     whole = bool(np.isinf(duration))
+    risen = _risen(graph, states) if whole else {}  # while people walk, ranges tell of it as they come
+    contradicted = cut | risen | _contradicted(graph, states, whole) | _no_odometry(graph, drift)
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted, whole)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
@@ -154,14 +154,15 @@ def _extent_about_last(graph: PoseGraph, states: States, duration: float) -> Arr
     return np.asarray(scale * (extent_points(graph.problem.recording, duration) - last[:, None]))
 
 
-def _contradicted(graph: PoseGraph, states: States) -> dict[int, str]:
+def _contradicted(graph: PoseGraph, states: States, whole: bool) -> dict[int, str]:
     """The users who are not where they seem, and why: their ranges are too short, which nothing makes them.
 
     Who has most of these goes first, and its ranges count no more for the others. One radio that tells wrong distances
     for a while has many, and the others then none; where nobody has many, but two have some, as where radios were
-    exchanged, fewer do.
+    exchanged, fewer do in a `whole` recording: while people walk what is exchanged is put right again.
     """
     limits, s = graph.parameters.integrity, graph.measurements
+    least = limits.largest_short_of_two if whole else limits.largest_short
     short = graph.residuals(states) > limits.innovation_sigmas * graph.sigma
     left, shares, k = np.ones(len(s), dtype=bool), list[tuple[int, float]](), len(graph.users)
     while len(shares) < k:
@@ -171,7 +172,7 @@ def _contradicted(graph: PoseGraph, states: States) -> dict[int, str]:
         )
         share = np.where(count >= _FEWEST_RANGES, off / np.maximum(count, 1), 0.0)
         u = max(range(k), key=lambda v: (float(share[v]), v != graph.reference))
-        if share[u] <= limits.largest_short_of_two:
+        if share[u] <= least:
             break
         shares.append((u, float(share[u])))
         left &= (s.i != u) & (s.j != u)

@@ -19,8 +19,7 @@ def _chromium() -> None:
 
 @needs_air
 def test_what_two_phones_show_of_a_game_is_where_it_is_and_the_game_is_recorded() -> None:
-    # Small screens that are drawn 15 times a second, so that a slow machine has time for all else.
-    of, recorded = run("catch", seconds=30.0, seed=0, frames=60, size=(120, 200), room_size=(300, 200), pause_s=0.05)
+    of, recorded = run("catch", seconds=45.0, seed=0, frames=60, size=(120, 200))  # however slow the machine is
     shutil.rmtree(recorded.parent)
     assert of["complaints"] == []
     assert of["frames"] >= 60

@@ -32,7 +32,7 @@ def contradicted(short: dict[tuple[int, int], int]) -> set[int]:
         sigma=np.full(len(i), 0.1),
         residuals=lambda _: residuals,
     )
-    return set(_contradicted(graph, None))  # type: ignore[arg-type] # residuals are given
+    return set(_contradicted(graph, None, whole=True))  # type: ignore[arg-type] # residuals are given
 
 
 class _Measurements:
