@@ -159,7 +159,7 @@ def _contradicted(graph: PoseGraph, states: States, whole: bool) -> dict[int, st
 
     Who has most of these goes first, and its ranges count no more for the others. One radio that tells wrong distances
     for a while has many, and the others then none; where nobody has many, but two have some, as where radios were
-    exchanged, fewer do in a `whole` recording: while people walk what is exchanged is put right again.
+    exchanged, fewer do in a `whole` recording: while people walk, ranges tell of it as they come.
     """
     limits, s = graph.parameters.integrity, graph.measurements
     least = limits.largest_short_of_two if whole else limits.largest_short

@@ -4,7 +4,7 @@ What a pair's ranges are wrong by for seconds looks like SLAM that does not drif
 count for less, as where walks are solved, say next to nothing of either. So where errors of neighbouring ranges are
 alike, those that last become variables for this question (`preprocessing.lasting_errors`), and the rest is noise. How
 large errors are, and which share of their variance lasts, is asked of the evidence (marginal likelihood) in turn, and
-the mean is taken, so nothing flips.
+the mean is taken. Where neighbours are no more alike than by chance, errors are noise, and nothing is asked.
 
 The walks themselves are solved with ranges that count for less: what is systematic in ranges follows places rather than
 time, and as noise it would tell biases and scales that are none.

@@ -92,8 +92,8 @@ def keyframes_of(
     # Where SLAM had lost gravity only the length of a step is known.
     lost = ~repaired.level[segment[at[:-1]]]
     metres = np.hypot(metres, np.where(lost, distance, 0.0))
-    of_metres, of_radians = repaired.rebuilt_sigma
-    metres = np.where(jumped, min(parameters.slam.jump_sigma_m, of_metres), metres)
+    of_metres, of_radians = repaired.rebuilt_sigma  # the first in the track's unit
+    metres = np.where(jumped, min(parameters.slam.jump_sigma_m, unit * of_metres), metres)
     radians = np.where(jumped, min(parameters.slam.jump_sigma_rad, of_radians), radians)
     sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA) / [unit, unit, 1.0]
     return Keyframes(track.t[at], track.position[at], sigma, _midpoints(due), jumped | lost)

@@ -53,7 +53,7 @@ class RepairedTrack:
     level: Mask
     """(segments,) whether SLAM's vertical was right. Where not, its steps are taken for horizontal."""
     rebuilt_sigma: tuple[float, float] = (np.inf, np.inf)
-    """m and rad, 1 sigma of a rebuilt step by how well steps are predicted on this track; infinite where not known.
+    """1 sigma of a rebuilt step (the track's unit of length; rad), by how well its steps are predicted; else infinite.
 
     It is what tells jumps from motion, since smaller ones may be left in the steps beside."""
 

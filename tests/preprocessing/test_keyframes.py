@@ -102,6 +102,8 @@ def test_a_rebuilt_step_is_as_good_as_the_tracks_steps_are_predicted() -> None:
     repaired = replace(repaired_tracks(straight(np.arange(10) / 10.0), begins=(5,)), rebuilt_sigma=(0.02, 1.5))
     keyframes = keyframes_of(repaired, 10.0, MODEL)
     np.testing.assert_allclose(keyframes.step_sigma[1], [0.02, 0.02, 0.9])
+    in_half_metres = keyframes_of(repaired, 10.0, MODEL, unit=0.5)
+    np.testing.assert_allclose(in_half_metres.step_sigma[1], [0.02, 0.02, 0.9])
 
 
 def test_a_single_pose_is_one_keyframe_without_steps() -> None:
