@@ -39,7 +39,7 @@ from synchronizar.graph.calibration_priors import with_measured_priors
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import SCALE, common_track
-from synchronizar.graph.step_noise import StepNoise, step_noise
+from synchronizar.graph.step_noise import StepNoise
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.raised import lowered, raised_by
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
@@ -185,10 +185,10 @@ def _refined(
         if search.far is not None:
             far = far_noise(best, problem, repaired_tracks)
             noise = StepNoise(far, far)
-        elif whole:
-            noise = measured_noise(best, keyframes_of_all(problem, repaired_tracks, finest, None, unit))
         else:
-            noise = step_noise(best.graph, best.states, best.em_weights)
+            noise = measured_noise(
+                best, keyframes_of_all(problem, repaired_tracks, finest, None, unit) if whole else None
+            )
         coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used, unit)
         best, others = _likeliest_held(best._replace(graph=best.graph.with_keyframes(coarse)))
         if not again or np.array_equal(best.held_as_usual, usual):

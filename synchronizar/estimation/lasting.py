@@ -20,7 +20,7 @@ from synchronizar.arrays import Array
 from synchronizar.graph.evidence import evidence_against
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.states import interpolated
-from synchronizar.graph.step_noise import StepNoise, step_noise
+from synchronizar.graph.step_noise import StepNoise, step_noise, with_drift
 from synchronizar.preprocessing.keyframes import Keyframes
 
 _SHARES = np.array([0.05, 0.2, 0.4, 0.6, 0.8, 0.95])
@@ -29,18 +29,43 @@ _STEPS, _GAIN = 2, 0.5
 _FIRST_SHARE = 0.5
 _SWEEPS = 2
 _ROUNDS = 2
+_PASSES, _SETTLED = 5, 0.03
 
 
-def measured_noise(optimum: LocalOptimum, usual: list[Keyframes]) -> StepNoise:
-    """The noise of all users' steps at an optimum of measured weights; `usual` are fine keyframes with usual drift."""
-    graph, states, em_weights, _ = optimum
-    if not len(graph.measurements) or graph.correlation(states, em_weights).neighbours == 0.0:
-        return step_noise(graph, states, em_weights)
-    near = interpolated(states, graph.keyframes, usual)
-    fine = graph.with_other_keyframes(usual)
-    begin = replace(fine.initial_em_weights(), range_weight=em_weights.range_weight)
-    lasting = with_lasting_errors(LocalOptimum(fine, near, fine.e_step(near, begin)[0], np.inf))
-    return step_noise(lasting.graph, lasting.states, lasting.em_weights)
+def measured_noise(optimum: LocalOptimum, fine: list[Keyframes] | None) -> StepNoise:
+    """The noise of all users' steps at an optimum of measured weights, whose keyframes have usual drift.
+
+    `fine` are such keyframes at which lasting errors are asked for; None where they are not.
+    """
+    graph, usual = optimum.graph, np.ones((len(optimum.graph.users), 2))
+    if not len(graph.measurements):
+        return StepNoise(usual, usual)
+    noise, drift, there = _settled(optimum, usual)
+    if fine is None or there.graph.correlation(there.states, there.em_weights).neighbours == 0.0:
+        return noise
+    keyframes = with_drift(fine, drift)
+    near = interpolated(there.states, graph.keyframes, keyframes)
+    at_fine = there.graph.with_other_keyframes(keyframes)
+    begin = replace(at_fine.initial_em_weights(), range_weight=there.em_weights.range_weight)
+    lasting = with_lasting_errors(LocalOptimum(at_fine, near, at_fine.e_step(near, begin)[0], np.inf))
+    return _settled(lasting, drift)[0]
+
+
+def _settled(optimum: LocalOptimum, drift: Array) -> tuple[StepNoise, Array, LocalOptimum]:
+    """The noise, the drift (k, 2) under which it was measured at last, and the optimum there.
+
+    `drift` is what the optimum's keyframes have. SLAM that drifts farther is asked about again where it may: else its
+    farthest steps pass for slips, and what it leaves of the ranges' errors for their noise.
+    """
+    for _ in range(_PASSES):
+        noise = step_noise(optimum.graph, optimum.states, optimum.em_weights, drift)
+        farther = np.maximum(noise.used, 1.0)
+        if np.allclose(farther, drift, rtol=_SETTLED):
+            break
+        graph = optimum.graph.with_keyframes(with_drift(optimum.graph.keyframes, farther / drift))
+        em_weights = graph.with_range_weights(optimum.states, optimum.em_weights)
+        optimum, drift = graph.run_em(optimum.states, em_weights, _ROUNDS), farther
+    return noise, drift, optimum
 
 
 def with_lasting_errors(optimum: LocalOptimum) -> LocalOptimum:

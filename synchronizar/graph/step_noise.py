@@ -27,6 +27,7 @@ from synchronizar.arrays import Array, Mask
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import States, steps
 from synchronizar.graph.walks import Walks
+from synchronizar.preprocessing.keyframes import Keyframes
 
 PLACE, HEADING = range(2)
 """Columns of the factors."""
@@ -48,18 +49,19 @@ class StepNoise(NamedTuple):
     """With which it is told how sure that is: as all factors that explain the ranges have it."""
 
 
-def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepNoise:
-    """What the ranges say at an optimum of the graph, whose steps have the noise of `parameters.slam`.
+def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, drift: Array | None = None) -> StepNoise:
+    """What the ranges say at an optimum of the graph, whose steps have `drift` (k, 2) times the usual noise, or once.
 
     1 where there are none, or where they say nothing of it.
     """
     k, slam = len(graph.users), graph.parameters.slam
+    drift = np.ones((k, 2)) if drift is None else drift
     used, told = np.ones((k, 2)), np.ones((k, 2))
     if not len(graph.measurements):
         return StepNoise(used, told)
     walks = graph.walks
     tried = slam.drift_least * _STEP ** np.arange(np.log(_LARGEST / slam.drift_least) / np.log(_STEP) + 1.0)
-    of_users, evidence, determined = _about(graph, states, em_weights, tried, 1.0, slam.drift_weight, _ROUNDS)
+    of_users, evidence, determined = _about(graph, states, em_weights, drift, tried, 1.0, slam.drift_weight, _ROUNDS)
     likely = np.isfinite(determined)
     if not (determined[likely] > 0.0).any():
         return StepNoise(used, told)
@@ -75,26 +77,46 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights) -> StepN
     return StepNoise(used, np.maximum(used, told))
 
 
+def with_drift(keyframes: list[Keyframes], factors: Array) -> list[Keyframes]:
+    """The same keyframes where SLAM drifts `factors` (k, 2) times as far; a rebuilt step is as good as before."""
+    return [
+        replace(of_user, step_sigma=np.where(of_user.rebuilt[:, None], 1.0, by[[0, 0, 1]]) * of_user.step_sigma)
+        for of_user, by in zip(keyframes, factors, strict=True)
+    ]
+
+
 def far_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, wide: float) -> Array:
     """(k, 2) factors relative to `parameters.slam` at an optimum whose steps have `wide` times its noise.
 
     Each user's own is hardly tied to the usual one: what drifts so far is one device in many.
     """
     out = np.ones((len(graph.users), 2))
-    of_users, _, _ = _about(graph, states, em_weights, np.array([1.0 / wide]), wide, _FAR_WEIGHT, _FAR_ROUNDS)
+    tried = np.array([1.0 / wide])
+    of_users, _, _ = _about(graph, states, em_weights, np.ones_like(out), tried, wide, _FAR_WEIGHT, _FAR_ROUNDS)
     out[graph.walks.users] = wide * of_users[0]
     return out
 
 
 def _about(
-    graph: PoseGraph, states: States, em_weights: EmWeights, tried: Array, begin: float, weight: float, rounds: int
+    graph: PoseGraph,
+    states: States,
+    em_weights: EmWeights,
+    drift: Array,
+    tried: Array,
+    begin: float,
+    weight: float,
+    rounds: int,
 ) -> tuple[list[Array], Array, Array]:
-    """Users' own factors about each that is tried, its evidence, and how many errors are determined."""
+    """Users' own factors about each that is tried, its evidence, and how many errors are determined.
+
+    Factors are on the steps' noise without the `drift` (k, 2) that the graph has, by which slips are told.
+    """
     walks, weights, counted = graph.walks, list(em_weights.step_weight), []
     for u in walks.users:
         ordinary = _ordinary(graph, states, u)
-        weights[u] = np.where(ordinary, 1.0, weights[u])
+        weights[u] = np.where(ordinary, 1.0, weights[u] / drift[u, PLACE] ** 2)
         counted += [False, *ordinary.tolist()]
+    graph = graph.with_keyframes(with_drift(graph.keyframes, 1.0 / drift))
     return walks.solver.step_noise(
         walks.places(states),
         states.calibration[walks.users],

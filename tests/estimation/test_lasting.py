@@ -11,7 +11,7 @@ from synchronizar.estimation.lasting import measured_noise, with_lasting_errors
 from synchronizar.estimation.register import register
 from synchronizar.graph.pose_graph import LocalOptimum
 from synchronizar.graph.states import interpolated
-from synchronizar.graph.step_noise import StepNoise, step_noise
+from synchronizar.graph.step_noise import StepNoise
 from synchronizar.preprocessing.keyframes import Keyframes
 from synchronizar.simulation.scene import Scene
 from synchronizar.simulation.simulate import simulate
@@ -56,7 +56,7 @@ def walk(seed: int, drift: float, sigma: float = NOISE) -> Recording:
 
 def test_as_much_lasts_as_does_and_drift_is_told_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
     optimum, usual = asked(monkeypatch, with_errors_that_last(walk(21, DRIFT), 21))
-    beside, without = measured_noise(optimum, usual), step_noise(*optimum[:3])
+    beside, without = measured_noise(optimum, usual), measured_noise(optimum, None)
     graph, near = (
         optimum.graph.with_other_keyframes(usual),
         interpolated(optimum.states, optimum.graph.keyframes, usual),
@@ -72,4 +72,4 @@ def test_as_much_lasts_as_does_and_drift_is_told_from_it(monkeypatch: pytest.Mon
 
 def test_where_errors_are_noise_nothing_else_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     optimum, usual = asked(monkeypatch, walk(2, 1.0, 0.1))
-    np.testing.assert_array_equal(measured_noise(optimum, usual).used, step_noise(*optimum[:3]).used)
+    np.testing.assert_array_equal(measured_noise(optimum, usual).used, measured_noise(optimum, None).used)
