@@ -46,7 +46,7 @@ def snapshot_of(
         # Of who is looked for anew only what came since then: before, its SLAM's frame was another one.
         own_begin = begin if checking or u not in sought or since is None else max(begin, since)
         clock = float(tracking.read_clock[u])
-        tail = stream.tail(own_begin + clock)
+        tail = _believed(stream, own_begin + clock)
         if not len(tail.t):
             tracks[user.name], segments[user.name] = _NOWHERE, np.zeros(1, dtype=np.int32)
             first[u] = np.inf
@@ -95,10 +95,19 @@ def _known(tracking: Tracking, sought: list[int]) -> dict[int, Array]:
     return out
 
 
+def _believed(stream: PoseStream, since: float) -> Tail:
+    """The poses from a stamp on, without those that may not be where they seem: a jump is not mended at once."""
+    tail = stream.tail(since)
+    if stream.suspect is None:
+        return tail
+    count = int(np.searchsorted(tail.t, stream.suspect.t))
+    return Tail(*(column[:count] for column in tail))
+
+
 def _slot_poses(stream: PoseStream, tail: Tail, slots: list[int], begins: Array, first: int) -> SlotPoses:
     """Those of `slots` that a device's `tail` covers, by their begins (s, its own clock); `first`: where it begins."""
     known = stream.at(begins)
-    there = np.flatnonzero(known.valid & (begins >= tail.t[0]))
+    there = np.flatnonzero(known.valid & (begins >= tail.t[0]) & (begins <= tail.t[-1]))
     covered, stamps, places = [slots[n] for n in there.tolist()], begins[there], known.position[there]
     if first < covered[0] if covered else first in slots:
         # It comes in the middle of a slot: its first one begins where its poses do.
