@@ -64,6 +64,12 @@ class Contradictions:
         fits = np.abs(self._recent.whitened[own]) < self._parameters.integrity.innovation_sigmas
         return len(fits) >= self._parameters.integrity.innovation_fewest and float(fits.mean()) > 0.5
 
+    def is_with(self, user: int, since: float, gauge: int, surveyed: frozenset[int]) -> bool:
+        """Whether a chain of pairs whose ranges since then fit leads from a user to the gauge, or a surveyed radio."""
+        groups = self._groups(since)
+        fixed = surveyed or {gauge}
+        return any(user in group and not fixed.isdisjoint(group) for group in groups)
+
     def found(
         self, now: float, gauge: int, trusted: frozenset[int], surveyed: frozenset[int] = frozenset()
     ) -> Contradicted | None:
@@ -81,7 +87,7 @@ class Contradictions:
         if rung is None:
             return None
         user, reason, window = rung
-        groups = self._groups(window, now)
+        groups = self._groups(now - window)
         with_gauge = next((group for group in groups if gauge in group), [gauge])
         wrong = [u for group in groups if group is not with_gauge for u in group]
         if len(with_gauge) == 1 and any(len(group) > 1 for group in groups):
@@ -91,7 +97,7 @@ class Contradictions:
             beside = max(groups, key=lambda group: (len(surveyed.intersection(group)), len(group)))
             wrong = [u for group in groups if group is not beside for u in group]
         if not wrong:  # all fit by some chain: it is the one that rang
-            wrong = [user if user != gauge or surveyed else self._worst_beside(gauge, window, now)]
+            wrong = [user if user != gauge or surveyed else self._worst_beside(gauge, now - window)]
         return Contradicted(wrong, reason)
 
     def _moved(self, now: float, gauge: int, trusted: frozenset[int], surveyed: frozenset[int]) -> Contradicted | None:
@@ -140,9 +146,9 @@ class Contradictions:
         window = m.innovation_windows[stretch]
         return user, f"{share:.0%} of its ranges in the last {window:g} s do not fit", window
 
-    def _groups(self, window: float, now: float) -> list[list[int]]:
-        """The users of the latest ranges, in groups that chains of pairs connect whose ranges fit."""
-        pairs, shares = self._shares(window, now)
+    def _groups(self, since: float) -> list[list[int]]:
+        """The users of the ranges since then, in groups that chains of pairs connect whose ranges fit."""
+        pairs, shares = self._shares(since)
         group = {u: u for pair in pairs for u in pair}
 
         def head(u: int) -> int:
@@ -158,9 +164,9 @@ class Contradictions:
             found.setdefault(head(u), []).append(u)
         return list(found.values())
 
-    def _shares(self, window: float, now: float) -> tuple[list[tuple[int, int]], list[float]]:
-        """Pairs of users, and the share of their latest ranges that are off."""
-        late = self._recent.t > now - window
+    def _shares(self, since: float) -> tuple[list[tuple[int, int]], list[float]]:
+        """Pairs of users, and the share of their ranges since then that are off."""
+        late = self._recent.t > since
         if not late.any():
             return [], []
         both = self._recent.users[late]
@@ -169,8 +175,8 @@ class Contradictions:
         shares = np.bincount(of.ravel(), off) / np.bincount(of.ravel())
         return [(int(a), int(b)) for a, b in pairs.tolist()], shares.tolist()
 
-    def _worst_beside(self, gauge: int, window: float, now: float) -> int:
+    def _worst_beside(self, gauge: int, since: float) -> int:
         """Whose ranges to the gauge fit worst."""
-        pairs, shares = self._shares(window, now)
+        pairs, shares = self._shares(since)
         own = [(share, a + b - gauge) for (a, b), share in zip(pairs, shares, strict=True) if gauge in (a, b)]
         return max(own)[1]

@@ -58,6 +58,16 @@ class Judging:
             since = standing.unconfirmed_since
             if since is not None and self._following.contradictions.confirms(user, since):
                 standing.unconfirmed_since = None
+            self._confirm_beside(user)
+
+    def _confirm_beside(self, user: int) -> None:
+        """Who was left when others were contradicted is where it is if its ranges since then fit the gauge's."""
+        standing, following, least = self._roster.standings[user], self._following, self._roster.parameters.integrity
+        since, found = standing.left_at, following.contradictions
+        if since is None or self._roster.now < since + least.shift_steady:
+            return
+        if found.confirms(user, since) and found.is_with(user, since, following.gauge, following.surveyed):
+            standing.left_at = None
 
     def _contradict(self) -> bool:
         """Whether the latest ranges contradict some: these are looked for in what comes from now on."""
@@ -74,6 +84,8 @@ class Judging:
             standing.doubted_at = roster.now
             standing.lifted |= found.lifted and user in trusted
             roster.look_anew(user, State.UNOBSERVABLE, found.reason)
+        for user in following.tracking.members:  # what told of those who are gone may be their doing
+            roster.standings[user].left_at = roster.now
         return True
 
     def _trusted(self) -> frozenset[int]:

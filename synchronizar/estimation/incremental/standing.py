@@ -63,6 +63,8 @@ class Standing:
     """Whether it is the reference and its ranges contradict it: then nobody is registered."""
     unconfirmed_since: float | None = None
     """s: since its SLAM went on after a pause, and its ranges have not told yet that its frame is the same."""
+    left_at: float | None = None
+    """s: since others were contradicted beside it, and its ranges have not told yet that it is not it that moved."""
     resumed_at: float = -inf
     """s, its own clock: the last such pause that was noticed."""
     lifted: bool = False
@@ -80,4 +82,4 @@ class Standing:
         self.state, self.reason, self.since = state, reason, now
         self.registered_at, self.steady_since, self.proven = None, None, False
         self.placed, self.verdict, self.cue, self.progress = None, None, None, 0.0
-        self.unconfirmed_since = None
+        self.unconfirmed_since = self.left_at = None
