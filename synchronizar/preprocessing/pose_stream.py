@@ -316,6 +316,14 @@ class PoseStream:
         table = self._table_now()
         return _tail(table[np.searchsorted(table[:, _T], since) :])
 
+    def believed(self, since: float) -> Tail:
+        """The same without the poses that may not be where they seem: a jump is not mended at once."""
+        tail = self.tail(since)
+        if self.suspect is None:
+            return tail
+        count = int(np.searchsorted(tail.t, self.suspect.t))
+        return Tail(*(column[:count] for column in tail))
+
     def slam_track(self, most: int) -> Track:
         """SLAM's own poses, at most so many, evenly chosen; copies."""
         table = self._table_now()
@@ -338,7 +346,14 @@ class PoseStream:
             segment - segment[:1],
             np.array([each.quat_xyzw for each in axes]),
             np.array([each.level for each in axes]),
+            self.rebuilt_sigma,
         )
+
+    @property
+    def rebuilt_sigma(self) -> tuple[float, float]:
+        """1 sigma of a rebuilt step as the stream is known so far, as in `RepairedTrack`."""
+        noise, spread = self._noise(), self._parameters.slam.jump_spread
+        return (math.inf, math.inf) if noise is None else (spread * noise.position, spread * noise.attitude)
 
     def at(self, t: Array) -> Poses:
         """The repaired poses at times (n,) s, as `Track.at` has them with the longest gap between poses."""

@@ -125,6 +125,26 @@ def test_a_jump_is_doubted_at_its_very_pose_and_undone_a_few_poses_later(
     assert angles_between(tail.quat_xyzw, true.quat_xyzw).max() < 1e-3
 
 
+def test_poses_in_doubt_are_not_among_those_that_are_believed() -> None:
+    k = 150
+    track = relocalised(walk(10.0), k, (1.5, 0.4, 0.0))
+    stream = fed(rows_of(track)[: k + 1])
+    assert stream.suspect is not None
+    assert stream.tail(ALL).t[-1] == track.t[k]
+    assert_equal(stream.believed(ALL), Tail(*(column[:k] for column in stream.tail(ALL))))
+    fed(rows_of(track)[k + 1 :], stream).settle()
+    assert_equal(stream.believed(ALL), stream.tail(ALL))
+
+
+def test_a_rebuilt_step_is_as_good_as_the_batch_has_it() -> None:
+    own = simulate(Scene(users=2, seconds=20.0, seed=3)).recording.tracks["phone0"]
+    track = relocalised(own, 300, (1.5, 0.4, 0.0), yaw_quaternion(0.5))
+    assert PoseStream(MODEL).rebuilt_sigma == (np.inf, np.inf)
+    stream = settled(track)
+    assert stream.rebuilt_sigma == pytest.approx(repair_relocalizations(track, MODEL).rebuilt_sigma, rel=0.2)
+    assert stream.repaired(ALL).rebuilt_sigma == stream.rebuilt_sigma
+
+
 @pytest.mark.parametrize("metres", [0.13, 0.16])
 def test_a_jump_that_one_side_does_not_show_is_found_within_half_a_second(metres: float) -> None:
     true = walk(seconds=20.0, turning=0.3)

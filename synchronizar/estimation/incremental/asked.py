@@ -33,7 +33,7 @@ def snapshot_of(
     """All that tells where those are who are `sought`; `checking`: they are followed, and looked for all the same."""
     tracking, gauge = following.tracking, following.gauge
     begin = _begin(roster, tracking, sought)
-    tracks, segments, poses, first = {}, {}, {}, np.full(len(roster.users), -np.inf)
+    tracks, segments, rebuilt, poses, first = {}, {}, {}, {}, np.full(len(roster.users), -np.inf)
     clocks = np.array([tracking.run_off(clock) for clock in tracking.read_clock.tolist()])
     # A recording is sorted by name, and users are in the order in which they came.
     users = tuple(replace(roster.as_known(u), name=f"{u:08d}") for u in range(len(roster.users)))
@@ -46,12 +46,14 @@ def snapshot_of(
         # Of who is looked for anew only what came since then: before, its SLAM's frame was another one.
         own_begin = begin if checking or u not in sought or since is None else max(begin, since)
         clock = float(tracking.read_clock[u])
-        tail = _believed(stream, own_begin + clock)
+        tail = stream.believed(own_begin + clock)
         if not len(tail.t):
             tracks[user.name], segments[user.name] = _NOWHERE, np.zeros(1, dtype=np.int32)
+            rebuilt[user.name] = stream.rebuilt_sigma
             first[u] = np.inf
             continue
         tracks[user.name], segments[user.name] = _track_from(stream, own_begin + clock, tail, float(clocks[u]))
+        rebuilt[user.name] = stream.rebuilt_sigma
         if own_begin > begin or (u != gauge and u not in tracking.members):
             first[u] = float(tail.t[0]) - clock
         begins = np.array([tracking.begin_of(n) for n in slots]) + clock
@@ -66,6 +68,7 @@ def snapshot_of(
         Recording(users, tracks, log.ranges(rows)),
         rows[:, -1].astype(np.int32),
         segments,
+        rebuilt,
         gauge,
         tuple(sought),
         candidates,
@@ -93,15 +96,6 @@ def _known(tracking: Tracking, sought: list[int]) -> dict[int, Array]:
             arm = apply_frames(np.array([0.0, 0.0, 0.0, yaw]), np.exp(log_scale) * tracked.place)
             out[u] = np.append(np.array([x, y, height]) - arm, yaw)
     return out
-
-
-def _believed(stream: PoseStream, since: float) -> Tail:
-    """The poses from a stamp on, without those that may not be where they seem: a jump is not mended at once."""
-    tail = stream.tail(since)
-    if stream.suspect is None:
-        return tail
-    count = int(np.searchsorted(tail.t, stream.suspect.t))
-    return Tail(*(column[:count] for column in tail))
 
 
 def _slot_poses(stream: PoseStream, tail: Tail, slots: list[int], begins: Array, first: int) -> SlotPoses:

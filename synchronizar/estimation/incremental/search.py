@@ -64,7 +64,14 @@ def _repaired(snapshot: Snapshot, name: str) -> RepairedTrack:
     track = snapshot.recording.tracks[name]
     segment = snapshot.segments[name] - snapshot.segments[name][0]
     count = int(segment[-1]) + 1
-    return RepairedTrack(track, (), segment, np.tile(IDENTITY, (count, 1)), np.ones(count, dtype=bool))
+    return RepairedTrack(
+        track,
+        (),
+        segment,
+        np.tile(IDENTITY, (count, 1)),
+        np.ones(count, dtype=bool),
+        snapshot.rebuilt_sigma[name],
+    )
 
 
 def _agrees(optimum: LocalOptimum, snapshot: Snapshot) -> bool:

@@ -45,6 +45,8 @@ class Snapshot:
     """(n,) running index of each of its ranges."""
     segments: dict[str, Indices]
     """Of each track (n,): which segment between relocalisations a pose belongs to."""
+    rebuilt_sigma: dict[str, tuple[float, float]]
+    """Of each track, as in `RepairedTrack`."""
     gauge: int
     """The user whose frame is the graph's."""
     sought: tuple[int, ...]

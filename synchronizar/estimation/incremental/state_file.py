@@ -35,7 +35,7 @@ from synchronizar.graph.follower import FollowerState, LinearRows
 from synchronizar.graph.slot_factors import Joining, SlamStep
 from synchronizar.parameters import Parameters
 
-_FORMAT = 13
+_FORMAT = 14
 _HEADER = "header"
 _RECORDS: dict[str, type] = {
     record.__name__: record

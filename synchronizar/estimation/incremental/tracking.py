@@ -255,7 +255,10 @@ class Tracking:
         metres *= np.sqrt(slam.drift_m_per_sqrt_s**2 * duration + slam.drift_m_per_sqrt_m**2 * travelled)
         radians *= np.sqrt(slam.drift_rad_per_sqrt_s**2 * duration + slam.drift_rad_per_sqrt_m**2 * travelled)
         if rebuilt:
-            metres, radians = np.hypot(metres, slam.jump_sigma_m), np.hypot(radians, slam.jump_sigma_rad)
+            length, turn = stream.rebuilt_sigma
+            length *= float(np.exp(a.state[4]))
+            metres = np.hypot(metres, min(slam.jump_sigma_m, length))
+            radians = np.hypot(radians, min(slam.jump_sigma_rad, turn))
         x, y, z = (b.place - a.place).tolist()
         return SlamStep((x, y, z), (float(metres), float(metres), float(radians)), duration)
 
