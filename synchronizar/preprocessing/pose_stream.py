@@ -318,11 +318,9 @@ class PoseStream:
 
     def believed(self, since: float) -> Tail:
         """The same without the poses that may not be where they seem: a jump is not mended at once."""
-        tail = self.tail(since)
-        if self.suspect is None:
-            return tail
-        count = int(np.searchsorted(tail.t, self.suspect.t))
-        return Tail(*(column[:count] for column in tail))
+        table = self._table_now()
+        end = len(table) if self.suspect is None else int(np.searchsorted(table[:, _T], self.suspect.t))
+        return _tail(table[np.searchsorted(table[:, _T], since) : end])
 
     def slam_track(self, most: int) -> Track:
         """SLAM's own poses, at most so many, evenly chosen; copies."""

@@ -177,8 +177,9 @@ class Engine:
 
     def _judge_attitudes(self) -> None:
         """Whoever was placed by antennas that are not where its attitudes have them is looked for anew."""
+        before = self.roster.users
         found = self.roster.judge_attitudes()
-        if found:
+        if self.roster.users is not before:
             self.following.tracking.use_antennas(self.roster.users)
         for user in found:
             if user != self.reference and user in self.following.tracking.members:

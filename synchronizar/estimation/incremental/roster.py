@@ -13,8 +13,8 @@ from synchronizar.arrays import Array
 from synchronizar.data.jump import Jump
 from synchronizar.data.registration import State
 from synchronizar.data.user import User
-from synchronizar.diagnosis.attitudes import NOT_USED
-from synchronizar.diagnosis.belief import why_not_believed
+from synchronizar.diagnosis.attitudes import NOT_USED, at_origin
+from synchronizar.diagnosis.belief import is_upright, why_not_believed
 from synchronizar.estimation.incremental.kept import kept, restore_kept
 from synchronizar.estimation.incremental.standing import Placed, Standing
 from synchronizar.geometry import wrap_angle
@@ -27,7 +27,7 @@ _MOST_JUDGED = 500  # poses by which attitudes are judged
 class Roster:
     """Users by their index, at one moment."""
 
-    KEPT: ClassVar[tuple[str, ...]] = ("standings", "now", "events", "raised", "disbelieved")
+    KEPT: ClassVar[tuple[str, ...]] = ("standings", "now", "events", "raised", "disbelieved", "held_back")
 
     def __init__(self, users: tuple[User, ...], reference: int, parameters: Parameters) -> None:
         self.users, self.reference, self.parameters = users, reference, parameters
@@ -38,6 +38,8 @@ class Roster:
         """SLAM units: the level about which each stream has its heights (`raised_by`); None before the first pose."""
         self.disbelieved: list[bool] = [False for _ in users]
         """Whose attitudes cannot be believed: their antennas are taken to be at their origins."""
+        self.held_back: dict[int, dict[str, tuple[float, float, float]]] = {}
+        """Antennas of those whose attitudes tell nothing yet while others' cannot be believed: not used until then."""
         self.now = -np.inf
         """s, range clock."""
         self.events: list[str] = []
@@ -91,18 +93,37 @@ class Roster:
         return replace(own, height_sigma=self.parameters.priors.static_height_sigma)
 
     def judge_attitudes(self) -> list[int]:
-        """Take antennas of devices whose attitudes cannot be believed to be at their origins; whose that is new of."""
-        found = []
+        """Take antennas of devices whose attitudes cannot be believed to be at their origins; whose that is new of.
+
+        Devices that walk together are mostly of one kind. So where some attitudes are wrong, others are used only once
+        they have told that they are right.
+        """
+        found, untold, told = list[int](), list[int](), list[int]()
         for u, (user, stream) in enumerate(zip(self.users, self.streams, strict=True)):
-            if stream is None or self.disbelieved[u] or not any(any(lever) for lever in user.antennas.values()):
+            antennas = self.held_back.get(u, user.antennas)
+            if stream is None or self.disbelieved[u] or not any(any(lever) for lever in antennas.values()):
                 continue
-            if why := why_not_believed(stream.slam_track(_MOST_JUDGED), user.up, self.parameters):
+            track = stream.slam_track(_MOST_JUDGED)
+            if why := why_not_believed(track, user.up, self.parameters):
                 self.disbelieved[u] = True
-                found.append(u)
-                at_origin = replace(user, antennas=dict.fromkeys(user.antennas, (0.0, 0.0, 0.0)))
-                self.users = (*self.users[:u], at_origin, *self.users[u + 1 :])
+                if self.held_back.pop(u, None) is None:
+                    found.append(u)
+                self._place_antennas(u, at_origin(user))
                 self.events.append(f"{user.name}: {why}{NOT_USED}")
-        return found
+            else:
+                (told if is_upright(track, user.up, self.parameters) else untold).append(u)
+        for u in [u for u in told if u in self.held_back]:
+            self._place_antennas(u, self.held_back.pop(u))
+        for u in [u for u in untold if u not in self.held_back and any(self.disbelieved)]:
+            found.append(u)
+            self.held_back[u] = dict(self.users[u].antennas)
+            self._place_antennas(u, at_origin(self.users[u]))
+            self.events.append(f"{self.users[u].name}: others' attitudes are wrong, its own tell nothing yet{NOT_USED}")
+        return sorted(found)
+
+    def _place_antennas(self, user: int, antennas: dict[str, tuple[float, float, float]]) -> None:
+        moved = replace(self.users[user], antennas=antennas)
+        self.users = (*self.users[:user], moved, *self.users[user + 1 :])
 
     def renew_stream(self, user: int) -> None:
         """A device's SLAM tells from now on what need not continue what it told before."""

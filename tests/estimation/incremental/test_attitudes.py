@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import pytest
 from support.mistakes import unturned, w_first
+from support.relocalised import walk
 
 from synchronizar.data.recording import Recording
+from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.diagnosis.belief import why_not_believed
 from synchronizar.estimation.incremental.replay import replay
+from synchronizar.estimation.incremental.roster import Roster
 from synchronizar.parameters import Parameters
 from synchronizar.simulation.simulate import Scene, simulate
 
@@ -23,8 +26,8 @@ def with_levers(recording: Recording, lever: tuple[float, float, float]) -> Reco
 
 
 def test_antennas_of_who_never_tells_its_attitude_are_at_its_origin() -> None:
-    walk = replace(WALK, tracks={name: unturned(track) for name, track in WALK.tracks.items()})
-    found, at_origin = replay(with_levers(walk, (0.3, 0.0, 0.1))), replay(with_levers(walk, (0.0, 0.0, 0.0)))
+    garbled = replace(WALK, tracks={name: unturned(track) for name, track in WALK.tracks.items()})
+    found, at_origin = replay(with_levers(garbled, (0.3, 0.0, 0.1))), replay(with_levers(garbled, (0.0, 0.0, 0.0)))
     assert found.registration.users["phone1"].common_from_user is not None
     for name, user in at_origin.registration.users.items():
         assert found.registration.users[name].state is user.state
@@ -36,15 +39,42 @@ def test_antennas_of_who_never_tells_its_attitude_are_at_its_origin() -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_quaternions_in_another_order_are_not_believed_and_right_ones_are(seed: int) -> None:
     parameters = Parameters()
-    walk = simulate(Scene(users=3, seconds=20.0, seed=seed)).recording
-    for track in walk.tracks.values():
+    right = simulate(Scene(users=3, seconds=20.0, seed=seed)).recording
+    for track in right.tracks.values():
         assert why_not_believed(track, "z", parameters) is None
         assert "w x y z" in (why_not_believed(w_first(track), "z", parameters) or "")
 
 
+def roster_of(tracks: list[Track]) -> Roster:
+    users = tuple(User(f"phone{u}", antennas={"0": (0.3, 0.0, 0.1)}) for u in range(len(tracks)))
+    roster = Roster(users, 0, Parameters())
+    for stream, track in zip(roster.streams, tracks, strict=True):
+        assert stream is not None
+        for row in zip(track.t.tolist(), track.position.tolist(), track.quat_xyzw.tolist(), strict=True):
+            stream.add(*row)
+    return roster
+
+
+def test_where_anothers_attitudes_are_wrong_those_that_tell_nothing_yet_are_used_once_they_do() -> None:
+    turns, line = simulate(Scene(users=2, seconds=20.0, seed=2)).recording.tracks["phone0"], walk(2.0, turning=0.1)
+    assert roster_of([turns, line]).judge_attitudes() == []
+    roster = roster_of([w_first(turns), line, turns])
+    assert roster.judge_attitudes() == [0, 1]
+    assert [user.antennas["0"] for user in roster.users] == [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.0, 0.1)]
+    assert roster.judge_attitudes() == []
+    stream = roster.streams[1]
+    assert stream is not None
+    for row in zip((turns.t + 10.0).tolist(), turns.position.tolist(), turns.quat_xyzw.tolist(), strict=True):
+        stream.add(*row)
+    assert roster.judge_attitudes() == []
+    assert [user.antennas["0"] for user in roster.users] == [(0.0, 0.0, 0.0), (0.3, 0.0, 0.1), (0.3, 0.0, 0.1)]
+    assert len(roster.events) == 2
+
+
 def test_users_without_antennas_are_not_judged() -> None:
-    walk = replace(WALK, tracks={name: unturned(track) for name, track in WALK.tracks.items()})
-    ranges = replace(walk.ranges, antenna_a=walk.ranges.antenna_a * 0 - 1, antenna_b=walk.ranges.antenna_b * 0 - 1)
-    users = tuple(User(user.name) for user in walk.users)
-    found = replay(replace(walk, users=users, ranges=ranges))
+    garbled = replace(WALK, tracks={name: unturned(track) for name, track in WALK.tracks.items()})
+    own = garbled.ranges
+    ranges = replace(own, antenna_a=own.antenna_a * 0 - 1, antenna_b=own.antenna_b * 0 - 1)
+    users = tuple(User(user.name) for user in garbled.users)
+    found = replay(replace(garbled, users=users, ranges=ranges))
     assert not any("at its origin" in event for update in found.updates for event in update.events)

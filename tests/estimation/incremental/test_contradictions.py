@@ -125,7 +125,8 @@ def test_a_lift_is_told_as_such_before_it_has_gone_far() -> None:
 
 def test_who_fits_the_gauge_by_a_chain_is_with_it_and_those_who_fit_one_another_alone_are_not() -> None:
     contradictions = Contradictions(PARAMETERS)
-    contradictions.add(innovations(between({(0, 1): FITS, (1, 2): FITS, (0, 3): SHORT, (1, 4): LONG, (3, 4): FITS})), NOW)
+    pairs = {(0, 1): FITS, (1, 2): FITS, (0, 3): SHORT, (1, 4): LONG, (3, 4): FITS}
+    contradictions.add(innovations(between(pairs)), NOW)
     since, nobody = NOW - 1.0, frozenset[int]()
     assert [contradictions.is_with(u, since, 0, nobody) for u in range(6)] == [True, True, True, False, False, False]
     assert [contradictions.is_with(u, since, 0, frozenset({4, 5})) for u in (2, 3, 4)] == [False, True, True]
