@@ -108,10 +108,12 @@ class FoundVerdicts:
         return float((followed - found).sum())
 
     def _confirm(self, standing: Standing, t: float) -> None:
-        """A search that saw as much since a user's SLAM paused as of one who has just come tells where that goes on."""
-        since = standing.unconfirmed_since
-        if since is not None and t - since >= self._roster.parameters.integrity.least_duration:
+        """A search that saw as much since a user came into doubt as of one who has just come tells where it is."""
+        least = self._roster.parameters.integrity.least_duration
+        if standing.unconfirmed_since is not None and t - standing.unconfirmed_since >= least:
             standing.unconfirmed_since = None
+        if standing.left_at is not None and t - standing.left_at >= least:
+            standing.left_at = None
 
     def _is_steady(
         self, standing: Standing, own: FoundUser, before: Placed | None, placed: Placed, drifts: bool, doubted: bool

@@ -58,21 +58,19 @@ class Judging:
             since = standing.unconfirmed_since
             if since is not None and self._following.contradictions.confirms(user, since):
                 standing.unconfirmed_since = None
-            self._confirm_beside(user)
+            left, least = standing.left_at, roster.parameters.integrity.shift_steady
+            if left is not None and roster.now > left + least and self._fits_gauge(user, left):
+                standing.left_at = None
 
-    def _confirm_beside(self, user: int) -> None:
-        """Who was left when others were contradicted is where it is if its ranges since then fit the gauge's."""
-        standing, following, least = self._roster.standings[user], self._following, self._roster.parameters.integrity
-        since, found = standing.left_at, following.contradictions
-        if since is None or self._roster.now < since + least.shift_steady:
-            return
-        if found.confirms(user, since) and found.is_with(user, since, following.gauge, following.surveyed):
-            standing.left_at = None
+    def _fits_gauge(self, user: int, since: float) -> bool:
+        """Whether a user's ranges since then tell that it is where it is beside the gauge."""
+        following, found = self._following, self._following.contradictions
+        return found.confirms(user, since) and found.is_with(user, since, following.gauge, following.surveyed)
 
     def _contradict(self) -> bool:
         """Whether the latest ranges contradict some: these are looked for in what comes from now on."""
         roster, following = self._roster, self._following
-        trusted = self._trusted()
+        trusted, suspected = self._trusted(), following.contradictions.suspected
         found = following.contradictions.found(roster.now, following.gauge, trusted, following.surveyed)
         if found is None:
             return False
@@ -84,8 +82,10 @@ class Judging:
             standing.doubted_at = roster.now
             standing.lifted |= found.lifted and user in trusted
             roster.look_anew(user, State.UNOBSERVABLE, found.reason)
-        for user in following.tracking.members:  # what told of those who are gone may be their doing
-            roster.standings[user].left_at = roster.now
+        recent = roster.now - roster.parameters.integrity.shift_steady
+        for user in following.tracking.members:  # what told of those who are gone may be its own doing
+            if user in suspected or not self._fits_gauge(user, recent):
+                roster.standings[user].left_at = roster.now
         return True
 
     def _trusted(self) -> frozenset[int]:
