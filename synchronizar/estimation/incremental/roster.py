@@ -176,7 +176,7 @@ class Roster:
                     "its SLAM has paused: its next ranges tell whether its frame is still the same",
                 )
             if standing.left_at is not None:
-                return State.UNOBSERVABLE, "others were contradicted: its next ranges tell whether it is it that moved"
+                return State.UNOBSERVABLE, "others were contradicted: its next ranges tell whether it is where it was"
             if not suspected.isdisjoint((user, self.reference)):
                 return State.UNOBSERVABLE, "its latest ranges may say that it is somewhere else"
         return standing.state, standing.reason
