@@ -798,9 +798,19 @@ NB_MODULE(_core, m) {
                      "share must be in (0, 1), mean_duration positive");
              require(0.0 <= keeps_length && keeps_length <= 1.0 && fluctuation >= 0.0,
                      "keeps_length must be in [0, 1], fluctuation not negative");
-             return Bursts{share, mean_duration, keeps_length, fluctuation};
+             return Bursts{share, mean_duration, keeps_length, fluctuation, {}};
            }),
-           "share"_a, "mean_duration"_a, "keeps_length"_a, "fluctuation"_a);
+           "share"_a, "mean_duration"_a, "keeps_length"_a, "fluctuation"_a)
+      .def(
+          "with_foreign",
+          [](Bursts bursts, double share, double mean_duration, double speed, double scale) {
+            require(0.0 <= share && share < 1.0 && mean_duration > 0.0,
+                    "share must be in [0, 1), mean_duration positive");
+            require(speed >= 0.0 && scale > 0.0, "speed must not be negative, scale positive");
+            bursts.foreign = {share, mean_duration, speed, scale};
+            return bursts;
+          },
+          "share"_a, "mean_duration"_a, "speed"_a, "scale"_a);
 
   m.def(
       "burst_nlos_odds",
@@ -818,26 +828,41 @@ NB_MODULE(_core, m) {
       },
       "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
 
+  const auto check_chains = [](const Numbers& bounds, const Column& t, const Column& whitened,
+                               const Column& sigma, const Column& nlos_odds) {
+    const auto n = t.size();
+    check_bounds(bounds, n);
+    require(whitened.size() == n && sigma.size() == n && nlos_odds.size() == n, "all columns must be (n,)");
+    require(whitened.allFinite() && nlos_odds.allFinite() && (nlos_odds.array() >= 0.0).all(),
+            "residuals must be finite, odds not negative");
+    require((sigma.array() > 0.0).all() && sigma.allFinite(), "sigma must be positive");
+    require(t.allFinite(), "t must be finite");
+    for (Eigen::Index p = 0; p + 1 < bounds.size(); ++p) {
+      require(std::is_sorted(t.begin() + bounds[p], t.begin() + bounds[p + 1]),
+              "t must be sorted within a pair");
+    }
+  };
   m.def(
       "burst_nlos_odds_of_pairs",
-      [](const Numbers& bounds, const Column& t, const Column& whitened, const Column& sigma,
-         const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
-        const auto n = t.size();
-        check_bounds(bounds, n);
-        require(whitened.size() == n && sigma.size() == n && nlos_odds.size() == n,
-                "all columns must be (n,)");
-        require(whitened.allFinite() && nlos_odds.allFinite() && (nlos_odds.array() >= 0.0).all(),
-                "residuals must be finite, odds not negative");
-        require((sigma.array() > 0.0).all() && sigma.allFinite(), "sigma must be positive");
-        require(t.allFinite(), "t must be finite");
-        for (Eigen::Index p = 0; p + 1 < bounds.size(); ++p) {
-          require(std::is_sorted(t.begin() + bounds[p], t.begin() + bounds[p + 1]),
-                  "t must be sorted within a pair");
-        }
+      [=](const Numbers& bounds, const Column& t, const Column& whitened, const Column& sigma,
+          const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
+        check_chains(bounds, t, whitened, sigma, nlos_odds);
         const PairsBurstOdds found = burst_nlos_odds(bounds, t, whitened, sigma, nlos_odds, loss, bursts);
         return std::pair(found.nlos_odds, found.cost);
       },
       "bounds"_a, "t"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
+  m.def(
+      "foreign_or_nlos_of_pairs",
+      [=](const Numbers& bounds, const Column& t, const Column& measured, const Column& whitened,
+          const Column& sigma, const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
+        check_chains(bounds, t, whitened, sigma, nlos_odds);
+        require(measured.size() == t.size() && measured.allFinite(), "all columns must be (n,), finite");
+        const PairsBurstOdds found =
+            burst_nlos_odds(bounds, t, whitened, sigma, nlos_odds, loss, bursts, &measured);
+        const bool any = found.foreign.size() > 0;
+        return std::tuple(found.nlos_odds, any ? found.foreign : Column(Column::Zero(t.size())), found.cost);
+      },
+      "bounds"_a, "t"_a, "measured"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
 
   m.def(
       "common_shift",

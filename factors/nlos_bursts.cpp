@@ -59,13 +59,17 @@ struct Chain {
   std::vector<float> inlier;  // likelihood, over the density of a line-of-sight residual at 0
   std::vector<float> keeps, to_nlos, keeps_length;  // of the step from the range before
   std::vector<float> ahead, is_inlier, is_nlos;  // line of sight, given the ranges before; given all others
+  std::vector<float> enters, leaves;             // foreign ranges, in the step from the range before
+  std::vector<float> anew, goes_on;  // density of a foreign range that is drawn anew; given the one before
+  std::vector<float> foreign_ahead, is_foreign;
   std::vector<Lengths> nlos_ahead, nlos_emitted;
 
   void resize(Eigen::Index to) {
     size = to;
     const auto n = static_cast<size_t>(to);
     if (n <= inlier.size()) return;
-    for (auto* column : {&inlier, &keeps, &to_nlos, &keeps_length, &ahead, &is_inlier, &is_nlos})
+    for (auto* column : {&inlier, &keeps, &to_nlos, &keeps_length, &ahead, &is_inlier, &is_nlos, &enters,
+                         &leaves, &anew, &goes_on, &foreign_ahead, &is_foreign})
       column->resize(n);
     nlos_ahead.resize(n);
     nlos_emitted.resize(n);
@@ -74,7 +78,7 @@ struct Chain {
 
 struct Given {
   Eigen::Index size;
-  const double *t, *whitened, *sigma, *nlos_odds;
+  const double *t, *whitened, *sigma, *nlos_odds, *measured;
 };
 
 struct Model {
@@ -82,14 +86,40 @@ struct Model {
   const Bursts& bursts;
   Ladder ladder;
   double rate, typical_odds;
+  double foreign_share, foreign_rate;
 
-  Model(const NlosMixture& of, const Bursts& with)
+  Model(const NlosMixture& of, const Bursts& with, bool foreign)
       : loss(of),
         bursts(with),
         ladder(with.fluctuation),
         rate(1.0 / (with.mean_duration * (1.0 - with.share))),
-        typical_odds(with.share / (1.0 - with.share)) {}
+        typical_odds(with.share / (1.0 - with.share)),
+        foreign_share(foreign ? with.foreign.share : 0.0),
+        foreign_rate(1.0 / (with.foreign.mean_duration * (1.0 - foreign_share))) {}
 };
+
+// Steps to and from foreign ranges, and their densities over that of a line-of-sight residual at 0.
+SYNCHRONIZAR_INLINE void prepare_foreign(const Given& given, const Model& model, Chain& chain) {
+  constexpr double kRoot2Pi = 2.5066282746310002, k2PerPi = 0.63661977236758134;
+  const Foreign& foreign = model.bursts.foreign;
+  const double share = model.foreign_share, per_duration = 1.0 / foreign.mean_duration;
+  const double per_scale = 1.0 / foreign.scale, at_zero = kRoot2Pi * k2PerPi * per_scale;
+  for (Eigen::Index at = 0; at < given.size; ++at) {
+    const auto k = static_cast<size_t>(at);
+    const double d = given.measured[at] * per_scale, anew = given.sigma[at] * at_zero / (1.0 + d * d);
+    chain.anew[k] = static_cast<float>(anew);
+    if (at == 0) continue;
+    const double dt = given.t[at] - given.t[at - 1], way = foreign.speed * dt, sigma = given.sigma[at];
+    const double variance = sigma * sigma + given.sigma[at - 1] * given.sigma[at - 1] + way * way;
+    const double step = given.measured[at] - given.measured[at - 1];
+    const double near = std::exp(-0.5 * step * step / variance) * sigma / std::sqrt(variance);
+    const double kept = exp_of_negative(-per_duration * dt),
+                 changes = 1.0 - exp_of_negative(-model.foreign_rate * dt);
+    chain.goes_on[k] = static_cast<float>(kept * near + (1.0 - kept) * anew);
+    chain.enters[k] = static_cast<float>(share * changes);
+    chain.leaves[k] = static_cast<float>((1.0 - share) * changes);
+  }
+}
 
 // Steps and likelihoods of a chain.
 SYNCHRONIZAR_INLINE void prepare(const Given& given, const Model& model, Chain& chain) {
@@ -117,6 +147,7 @@ SYNCHRONIZAR_INLINE void prepare(const Given& given, const Model& model, Chain& 
     const double early = early_odds * sigma[k] / (1.0 + e * e * s * s);
     inlier[k] = static_cast<float>(exp_of_negative(-0.5 * e * e) + (e > 0.0 ? early : 0.0) + kLeast);
   }
+  if (model.foreign_share > 0.0) prepare_foreign(given, model, chain);
   // Most ranges have the sigma of the one before.
   const double per_typical_odds = 1.0 / model.typical_odds;
   double of_sigma = -1.0;
@@ -144,32 +175,44 @@ SYNCHRONIZAR_INLINE void prepare(const Given& given, const Model& model, Chain& 
 
 // The state probabilities of each range given those before it.
 struct Forward {
-  float inlier, was_nlos;
+  float inlier, was_nlos, foreign, share;
   Lengths nlos;
   double cost = 0.0, likelihood = 1.0;  // of the ranges whose logarithm has not been taken yet
 
   SYNCHRONIZAR_INLINE void begin(const Model& model) {
-    inlier = static_cast<float>(1.0 - model.bursts.share);
-    was_nlos = static_cast<float>(model.bursts.share);
+    share = static_cast<float>(model.bursts.share);
+    foreign = static_cast<float>(model.foreign_share);
+    inlier = static_cast<float>((1.0 - model.bursts.share) * (1.0 - model.foreign_share));
+    was_nlos = static_cast<float>(model.bursts.share * (1.0 - model.foreign_share));
     for (size_t m = 0; m < kLengths; ++m) nlos[m] = was_nlos * model.ladder.prior[m];
   }
 
+  template <bool kForeign>
   SYNCHRONIZAR_INLINE void step(Chain& chain, Eigen::Index at, const Lengths& prior) {
     const auto k = static_cast<size_t>(at);
     if (at > 0) {
       const float to_nlos = chain.to_nlos[k], keeps_length = chain.keeps_length[k];
-      const float stays = to_nlos + chain.keeps[k];
-      const float anew = (1.0F - keeps_length) * stays * was_nlos + to_nlos * inlier;
-      inlier = (1.0F - to_nlos) * inlier + (1.0F - stays) * was_nlos;
-      for (size_t m = 0; m < kLengths; ++m) nlos[m] = stays * keeps_length * nlos[m] + anew * prior[m];
+      float stays = to_nlos + chain.keeps[k], back = 0.0F, still = 1.0F;
+      if (kForeign) {
+        const float enters = chain.enters[k], leaves = chain.leaves[k];
+        still = 1.0F - enters, back = leaves * foreign;
+        foreign = enters * (inlier + was_nlos) * chain.anew[k] + (1.0F - leaves) * foreign * chain.goes_on[k];
+      }
+      const float anew = still * ((1.0F - keeps_length) * stays * was_nlos + to_nlos * inlier) + back * share;
+      inlier = still * ((1.0F - to_nlos) * inlier + (1.0F - stays) * was_nlos) + back * (1.0F - share);
+      stays *= still * keeps_length;
+      for (size_t m = 0; m < kLengths; ++m) nlos[m] = stays * nlos[m] + anew * prior[m];
+    } else if (kForeign) {
+      foreign *= chain.anew[k];
     }
+    if (kForeign) chain.foreign_ahead[k] = foreign;
     chain.ahead[k] = inlier;
     chain.nlos_ahead[k] = nlos;
     const Lengths& emitted = chain.nlos_emitted[k];
     for (size_t m = 0; m < kLengths; ++m) nlos[m] *= emitted[m];
     inlier *= chain.inlier[k];
     was_nlos = sum_of(nlos);
-    const float sum = inlier + was_nlos;
+    const float sum = kForeign ? inlier + was_nlos + foreign : inlier + was_nlos;
     likelihood *= static_cast<double>(sum);
     if (!(likelihood > 1e-200 && likelihood < 1e200)) {
       cost -= std::log(likelihood);
@@ -178,20 +221,23 @@ struct Forward {
     const float per_sum = 1.0F / sum;
     inlier *= per_sum;
     was_nlos *= per_sum;
+    if (kForeign) foreign *= per_sum;
     for (size_t m = 0; m < kLengths; ++m) nlos[m] *= per_sum;
   }
 };
 
 // The likelihood of the ranges after each one, given its state.
 struct Backward {
-  float after_inlier;
+  float after_inlier, after_foreign, share;
   Lengths after_nlos;
 
-  SYNCHRONIZAR_INLINE void begin() {
-    after_inlier = 1.0F;
+  SYNCHRONIZAR_INLINE void begin(const Model& model) {
+    share = static_cast<float>(model.bursts.share);
+    after_inlier = after_foreign = 1.0F;
     after_nlos.fill(1.0F);
   }
 
+  template <bool kForeign>
   SYNCHRONIZAR_INLINE void step(Chain& chain, Eigen::Index at, const Lengths& prior) {
     const auto k = static_cast<size_t>(at);
     Lengths both;
@@ -201,17 +247,32 @@ struct Backward {
     for (size_t m = 0; m < kLengths; ++m) after_nlos[m] *= emitted[m];
     for (size_t m = 0; m < kLengths; ++m) both[m] = ahead[m] * after_nlos[m];
     chain.is_nlos[k] = sum_of(both);
+    if (kForeign) {
+      const float of_foreign = chain.foreign_ahead[k] * after_foreign;
+      chain.is_foreign[k] =
+          of_foreign / (of_foreign + chain.is_nlos[k] + chain.is_inlier[k] * chain.inlier[k]);
+    }
     for (size_t m = 0; m < kLengths; ++m) both[m] = prior[m] * after_nlos[m];
     const float to_nlos = chain.to_nlos[k], keeps_length = chain.keeps_length[k];
     const float drawn = sum_of(both), stays = to_nlos + chain.keeps[k];
     const float inlier_next = chain.inlier[k] * after_inlier;
-    const float constant = (1.0F - stays) * inlier_next + stays * (1.0F - keeps_length) * drawn;
+    float constant = (1.0F - stays) * inlier_next + stays * (1.0F - keeps_length) * drawn;
+    float kept = stays * keeps_length, sum = 0.0F;
     after_inlier = (1.0F - to_nlos) * inlier_next + to_nlos * drawn;
+    if (kForeign) {
+      const float enters = chain.enters[k], leaves = chain.leaves[k], still = 1.0F - enters;
+      const float from_there = enters * chain.anew[k] * after_foreign;
+      after_foreign = leaves * ((1.0F - share) * inlier_next + share * drawn) +
+                      (1.0F - leaves) * chain.goes_on[k] * after_foreign;
+      after_inlier = still * after_inlier + from_there;
+      constant = still * constant + from_there;
+      kept *= still, sum = after_foreign;
+    }
     // To about one, so that neither grows or shrinks without bound.
-    const float scale = 1.0F / (after_inlier + constant + stays * keeps_length * drawn);
+    const float scale = 1.0F / (sum + after_inlier + constant + kept * drawn);
     after_inlier *= scale;
-    for (size_t m = 0; m < kLengths; ++m)
-      after_nlos[m] = scale * (constant + stays * keeps_length * after_nlos[m]);
+    if (kForeign) after_foreign *= scale;
+    for (size_t m = 0; m < kLengths; ++m) after_nlos[m] = scale * (constant + kept * after_nlos[m]);
   }
 };
 
@@ -230,9 +291,15 @@ SYNCHRONIZAR_INLINE void odds_of(const Given& given, const Model& model, const C
 
 using Chains = std::array<Chain, kTogether>;
 
-// Odds into `odds`, those of each chain one after the other, and costs of `count` chains. `work` is memory.
+// Where what is found of each chain goes; `foreign` where ranges may be.
+struct Found {
+  double *odds = nullptr, *foreign = nullptr;
+};
+
+// What is found of `count` chains into `found`, and their costs. `work` is memory.
+template <bool kForeign>
 SYNCHRONIZAR_INLINE void run(const Given* given, size_t count, const Model& model, Chains& work,
-                             double* const* odds, double* cost) {
+                             const Found* found, double* cost) {
   std::array<Eigen::Index, kTogether> size{};
   Eigen::Index longest = 0;
   std::array<Forward, kTogether> forward;
@@ -246,50 +313,59 @@ SYNCHRONIZAR_INLINE void run(const Given* given, size_t count, const Model& mode
   const Lengths prior = model.ladder.prior;
   for (size_t c = 0; c < kTogether; ++c) {
     forward[c].begin(model);
-    backward[c].begin();
+    backward[c].begin(model);
   }
   for (Eigen::Index k = 0; k < longest; ++k) {
     for (size_t c = 0; c < kTogether; ++c) {
-      if (k < size[c]) forward[c].step(work[c], k, prior);
+      if (k < size[c]) forward[c].step<kForeign>(work[c], k, prior);
     }
   }
   for (Eigen::Index k = 0; k < longest; ++k) {
     for (size_t c = 0; c < kTogether; ++c) {
-      if (k < size[c]) backward[c].step(work[c], size[c] - 1 - k, prior);
+      if (k < size[c]) backward[c].step<kForeign>(work[c], size[c] - 1 - k, prior);
     }
   }
   for (size_t c = 0; c < count; ++c) {
-    odds_of(given[c], model, work[c], odds[c]);
+    odds_of(given[c], model, work[c], found[c].odds);
+    if (kForeign) std::copy_n(work[c].is_foreign.begin(), size[c], found[c].foreign);
     cost[c] = forward[c].cost - std::log(forward[c].likelihood);
   }
 }
 
+SYNCHRONIZAR_INLINE void run_either(const Given* given, size_t count, const Model& model, Chains& work,
+                                    const Found* found, double* cost) {
+  model.foreign_share > 0.0 ? run<true>(given, count, model, work, found, cost)
+                            : run<false>(given, count, model, work, found, cost);
+}
+
 SYNCHRONIZAR_AVX2 void run_by_avx2(const Given* given, size_t count, const Model& model, Chains& work,
-                                   double* const* odds, double* cost) {
-  run(given, count, model, work, odds, cost);
+                                   const Found* found, double* cost) {
+  run_either(given, count, model, work, found, cost);
 }
 
 }  // namespace
 
 PairsBurstOdds burst_nlos_odds(const Eigen::VectorXi& bounds, const Column& t, const Column& whitened,
                                const Column& sigma, const Column& nlos_odds, const NlosMixture& loss,
-                               const Bursts& bursts) {
-  const Model model(loss, bursts);
+                               const Bursts& bursts, const Column* measured) {
+  const Model model(loss, bursts, measured != nullptr);
+  const bool foreign = model.foreign_share > 0.0;
   Chains work;
   const Eigen::Index pairs = bounds.size() - 1;
-  PairsBurstOdds out{Column(t.size()), Column(pairs)};
+  PairsBurstOdds out{Column(t.size()), Column(foreign ? t.size() : 0), Column(pairs)};
   for (Eigen::Index p = 0; p < pairs; p += kTogether) {
     const auto count = static_cast<size_t>(std::min<Eigen::Index>(kTogether, pairs - p));
     std::array<Given, kTogether> given{};
-    std::array<double*, kTogether> odds{};
+    std::array<Found, kTogether> found{};
     for (size_t c = 0; c < count; ++c) {
       const Eigen::Index q = p + static_cast<Eigen::Index>(c), begin = bounds[q];
-      given[c] = {bounds[q + 1] - begin, t.data() + begin, whitened.data() + begin, sigma.data() + begin,
-                  nlos_odds.data() + begin};
-      odds[c] = out.nlos_odds.data() + begin;
+      given[c] = {bounds[q + 1] - begin,    t.data() + begin,
+                  whitened.data() + begin,  sigma.data() + begin,
+                  nlos_odds.data() + begin, foreign ? measured->data() + begin : nullptr};
+      found[c] = {out.nlos_odds.data() + begin, foreign ? out.foreign.data() + begin : nullptr};
     }
-    has_avx2() ? run_by_avx2(given.data(), count, model, work, odds.data(), out.cost.data() + p)
-               : run(given.data(), count, model, work, odds.data(), out.cost.data() + p);
+    has_avx2() ? run_by_avx2(given.data(), count, model, work, found.data(), out.cost.data() + p)
+               : run_either(given.data(), count, model, work, found.data(), out.cost.data() + p);
   }
   return out;
 }

@@ -11,6 +11,12 @@
 // The extra length is kept with probability `keeps_length` exp(-dt / mean_duration), or else drawn from the
 // half Cauchy of the loss NlosMixture, so that unrelated detours are possible too. The forward and the
 // backward recursion give the probability that each range is NLOS, given all others.
+//
+// Where `Foreign` ranges may be, a third state is that the ranges of a pair are not of these two devices for
+// some seconds: their radios were exchanged, or a radio told an old distance. Such a range says nothing of
+// where the devices are. It is the distance of something, though, and so near the one before it: with
+// probability exp(-dt / mean_duration) it is N(d, 2 sigma^2 + (speed dt)^2) about that one's d, or else drawn
+// anew from a half Cauchy. It is entered and left as NLOS is.
 #pragma once
 
 #include "factors/loss.h"
@@ -18,11 +24,19 @@
 
 namespace synchronizar {
 
+struct Foreign {
+  double share = 0.0;          // in the long run, in [0, 1); 0: there are none
+  double mean_duration = 1.0;  // s
+  double speed = 1.0;          // m/s, 1 sigma, at which a distance changes
+  double scale = 1.0;          // m, of the half Cauchy of distances
+};
+
 struct Bursts {
   double share;          // pi, in (0, 1)
   double mean_duration;  // s
   double keeps_length;   // probability that a detour's length is kept to the next range, in [0, 1]
   double fluctuation;    // 1 sigma, relative, of a detour within a burst
+  Foreign foreign = {};
 };
 
 struct BurstOdds {
@@ -38,12 +52,14 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
                           const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts);
 
 // The same of many pairs, each a chain of its own: `bounds` are the first range of each pair, and the end.
+// With the `measured` distances (m) ranges may be foreign; without them they are not.
 struct PairsBurstOdds {
-  Column nlos_odds;
-  Column cost;  // of each pair's chain
+  Column nlos_odds;  // where the range is not foreign
+  Column foreign;  // the probability that it is, given all ranges, its own residual too; empty where none is
+  Column cost;     // of each pair's chain
 };
 PairsBurstOdds burst_nlos_odds(const Eigen::VectorXi& bounds, const Column& t, const Column& whitened,
                                const Column& sigma, const Column& nlos_odds, const NlosMixture& loss,
-                               const Bursts& bursts);
+                               const Bursts& bursts, const Column* measured = nullptr);
 
 }  // namespace synchronizar

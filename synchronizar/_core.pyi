@@ -517,6 +517,11 @@ class Bursts:
     def __init__(self, share: float, mean_duration: float, keeps_length: float, fluctuation: float) -> None:
         """NLOS share in the long run; mean duration (s); probability that a detour is kept; its relative 1 sigma."""
 
+    def with_foreign(self, share: float, mean_duration: float, speed: float, scale: float) -> Bursts:
+        """The same with foreign ranges: their share in the long run; mean duration (s); 1 sigma of how fast such a
+        distance changes (m/s); scale of the half Cauchy of distances (m).
+        """
+
 def burst_nlos_odds(
     t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, bursts: Bursts
 ) -> tuple[Array, float]:
@@ -529,6 +534,21 @@ def burst_nlos_odds_of_pairs(
     bounds: Indices, t: Array, whitened: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture, bursts: Bursts
 ) -> tuple[Array, Array]:
     """`burst_nlos_odds` of many pairs, each a chain of its own: odds (n,), and the chains' costs (p,)."""
+
+def foreign_or_nlos_of_pairs(
+    bounds: Indices,
+    t: Array,
+    measured: Array,
+    whitened: Array,
+    sigma: Array,
+    nlos_odds: Array,
+    loss: NlosMixture,
+    bursts: Bursts,
+) -> tuple[Array, Array, Array]:
+    """The same where ranges may be foreign: odds (n,), probabilities (n,) that each is foreign, costs (p,).
+
+    `measured` (n,) m are the distances. The odds are of a range that is not foreign.
+    """
 
 def common_shift(
     bounds: Indices,

@@ -38,6 +38,15 @@ class RangeParameters:
     """Probability that the extra length stays the same to the next range of a burst. Assumed."""
     short_share: float = 0.002
     """Share of ranges that are too short by more than noise. Nothing makes a signal early, so they are garbage."""
+    foreign_share: float = 0.002
+    """Share of the time in which a pair's ranges are not of these two devices, because radios were exchanged or a radio
+    tells an old distance: about as rare. Assumed."""
+    foreign_duration: float = 4.0
+    """s: how long that lasts on average, until the next message or until somebody sees it. Assumed."""
+    foreign_speed: float = 1.0
+    """m/s, 1 sigma, at which such a distance changes: it is the distance of somebody who walks."""
+    foreign_scale: float = 10.0
+    """m: scale of the half-Cauchy distribution of such distances, the size of a large room."""
 
     multipath_sigma: float = 0.15
     """m, 1 sigma: slowly varying error of a line-of-sight range from reflections, antennas and bodies."""

@@ -59,7 +59,7 @@ class GtsamForm:
                 s.distance[k],
                 graph.sigma[k],
                 em_weights.nlos_odds[k],
-                em_weights.range_weight[k],
+                em_weights.range_weight[k] * em_weights.own_probability[k],
             )
             curvature = None
             if height_curvature is not None:

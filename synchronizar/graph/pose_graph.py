@@ -15,13 +15,13 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from synchronizar._core import NlosMixture, WalkNoise, burst_nlos_odds_of_pairs, mixture_terms
+from synchronizar._core import NlosMixture, WalkNoise, foreign_or_nlos_of_pairs, mixture_terms
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, difference, wrap_angle
 from synchronizar.graph.priors import (
-    bursts_of,
+    bursts_with_foreign,
     height_sigma_of,
     known_bias_sigmas,
     nlos_mixture,
@@ -48,6 +48,7 @@ _GAIN = 0.001  # log likelihood: optimisation stops at a smaller gain, which mov
 _GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
 _ITERATIONS = 10
 _PINNED = 1e-3  # m
+_LEAST_OWN = 1e-9  # probability: a weight must not be 0
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ class EmWeights:
 
     nlos_odds: Array
     """(n,) P(NLOS) / P(not NLOS) of each range given its neighbours in time; its own residual does not count."""
+    own_probability: Array
+    """(n,) that each range is of its two devices, and not foreign, given all residuals of its pair."""
     range_weight: Array
     """(n,) composite-likelihood weight: the number of independent ranges that each counts as. Not a robust weight."""
     step_weight: list[Array]
@@ -225,9 +228,17 @@ class PoseGraph:
         """
         m, s, sigma = self.parameters, self.measurements, self._largest_sigma
         whitened, bounds = self.residuals(states) / sigma, pair_bounds(s)
-        odds, _ = burst_nlos_odds_of_pairs(bounds, s.t, whitened, sigma, s.nlos_odds, self.loss, bursts_of(m))
+        odds, own, _ = self._chains(whitened, sigma)
         _, weight, _ = mixture_terms(whitened, sigma, odds, self.loss)
-        return self._with_sigma(sigma * measured_sizes(bounds, s.sigma / sigma, whitened, weight, m), sigma)
+        return self._with_sigma(sigma * measured_sizes(bounds, s.sigma / sigma, whitened, own * weight, m), sigma)
+
+    def _chains(self, whitened: Array, sigma: Array) -> tuple[Array, Array, Array]:
+        """NLOS odds and own probabilities (n,) at residuals (n,) over `sigma` (n,), and the costs of pairs (p,)."""
+        s, bursts = self.measurements, bursts_with_foreign(self.parameters)
+        odds, foreign, costs = foreign_or_nlos_of_pairs(
+            pair_bounds(s), s.t, s.distance, whitened, sigma, s.nlos_odds, self.loss, bursts
+        )
+        return odds, np.maximum(1.0 - foreign, _LEAST_OWN), costs
 
     def _with_sigma(self, sigma: Array, largest: Array) -> Self:
         out = copy(self)
@@ -318,7 +329,7 @@ class PoseGraph:
         ]
         return WalkNoise(
             em_weights.nlos_odds,
-            em_weights.range_weight,
+            em_weights.range_weight * em_weights.own_probability,
             np.concatenate(of_users),
             about[users],
             place[users],
@@ -350,9 +361,12 @@ class PoseGraph:
 
     def inlier_probability(self, states: States, em_weights: EmWeights) -> tuple[Array, Array]:
         """(n,) each: the weight that the loss gives each range, and the probability that it is line-of-sight."""
-        whitened = self.residuals(states) / self.sigma
-        _, weight, inlier_probability = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
+        weight, inlier_probability = self._terms(self.residuals(states) / self.sigma, em_weights)
         return weight, inlier_probability
+
+    def _terms(self, whitened: Array, em_weights: EmWeights) -> tuple[Array, Array]:
+        _, weight, inlier_probability = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
+        return em_weights.own_probability * weight, em_weights.own_probability * inlier_probability
 
     def height_curvature(self, states: States, em_weights: EmWeights) -> Array:
         """(n,) 1/m^2: second derivative of the cost in the height difference by the curvature of each distance.
@@ -366,7 +380,7 @@ class PoseGraph:
         )
         distance = np.maximum(np.linalg.norm(between, axis=1), 1e-9)
         whitened = (distance - flat.distance) / self.sigma
-        _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
+        weight, _ = self._terms(whitened, em_weights)
         level = 1.0 - (between[:, 2] / distance) ** 2
         return np.asarray(em_weights.range_weight * weight * whitened / self.sigma * level / distance)
 
@@ -377,7 +391,8 @@ class PoseGraph:
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         first = prior_range_weights(self.measurements, self.parameters)
         k = len(self.users)
-        return EmWeights(self.measurements.nlos_odds, first, weights, np.ones((k + 1, 3)), np.ones(k))
+        own = np.ones(len(self.measurements))
+        return EmWeights(self.measurements.nlos_odds, own, first, weights, np.ones((k + 1, 3)), np.ones(k))
 
     def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:
         """EM weights re-estimated at these states, and the states' negative log likelihood.
@@ -385,20 +400,17 @@ class PoseGraph:
         Range weights stay as they were before. Costs of graphs with the same ranges and range weights can be
         compared.
         """
-        m, s = self.parameters, self.measurements
-        whitened = self.residuals(states) / self.sigma
-        bounds = pair_bounds(s)
-        odds, chains = burst_nlos_odds_of_pairs(bounds, s.t, whitened, self.sigma, s.nlos_odds, self.loss, bursts_of(m))
-        cost = float(chains @ mean_by_pair(before.range_weight, bounds))
+        odds, own, chains = self._chains(self.residuals(states) / self.sigma, self.sigma)
+        cost = float(chains @ mean_by_pair(before.range_weight, pair_bounds(self.measurements)))
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         for u in self.drifting():
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)
-            weights[u], tail = _student(squares, m.slam.drift_dof, 4)
+            weights[u], tail = _student(squares, self.parameters.slam.drift_dof, 4)
             cost += tail
         cost += self._cost_of_lasting(states)
         calibration_weight, tail = self._calibration_weights(states, before)
         height_weight, of_heights = self.height_weights(states.anchor_poses)
-        after = EmWeights(odds, before.range_weight, weights, calibration_weight, height_weight)
+        after = EmWeights(odds, own, before.range_weight, weights, calibration_weight, height_weight)
         return after, cost + tail + of_heights
 
     def _cost_of_lasting(self, states: States) -> float:
@@ -416,7 +428,7 @@ class PoseGraph:
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:
         """The same EM weights, range weights measured on the residuals (`measured_range_weights`)."""
         whitened = self.residuals(states) / self.sigma
-        _, weight, _ = mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)
+        weight, _ = self._terms(whitened, em_weights)
         measured = measured_range_weights(
             self.measurements,
             self.said_sigma / self.sigma,
@@ -429,7 +441,7 @@ class PoseGraph:
     def correlation(self, states: States, em_weights: EmWeights) -> Correlation:
         """Of the errors of neighbouring ranges at these states."""
         whitened = self.residuals(states) / self.sigma
-        return self._correlation(whitened, mixture_terms(whitened, self.sigma, em_weights.nlos_odds, self.loss)[1])
+        return self._correlation(whitened, self._terms(whitened, em_weights)[0])
 
     def _correlation(self, whitened: Array, weight: Array) -> Correlation:
         r = self.parameters.ranges

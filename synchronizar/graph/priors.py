@@ -27,6 +27,12 @@ def bursts_of(parameters: Parameters) -> Bursts:
     return Bursts(r.nlos_share, r.nlos_duration, r.detour_kept, r.detour_fluctuation)
 
 
+def bursts_with_foreign(parameters: Parameters) -> Bursts:
+    """The same chain where ranges may not be of the two devices for some seconds."""
+    r = parameters.ranges
+    return bursts_of(parameters).with_foreign(r.foreign_share, r.foreign_duration, r.foreign_speed, r.foreign_scale)
+
+
 def height_sigma_of(user: User, parameters: Parameters) -> float:
     """m, 1 sigma: how far the user's origin may lie above or below another one of its kind."""
     if user.is_survey_origin:

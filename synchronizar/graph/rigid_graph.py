@@ -13,7 +13,7 @@ import numpy as np
 from synchronizar._core import RigidSolver
 from synchronizar.arrays import Array
 from synchronizar.graph.pose_graph import SAME, EmWeights, LocalOptimum, PoseGraph
-from synchronizar.graph.priors import bursts_of
+from synchronizar.graph.priors import bursts_with_foreign
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States
 from synchronizar.preprocessing.centering import centered
@@ -78,8 +78,8 @@ class RigidGraph(PoseGraph):
         return self._weights(self.measurements.nlos_odds)
 
     def _weights(self, nlos_odds: Array) -> EmWeights:
-        k = len(self.users)
-        return EmWeights(nlos_odds, np.ones(len(nlos_odds)), [np.ones(0)] * k, np.ones((k + 1, 3)), np.ones(k))
+        k, ones = len(self.users), np.ones(len(nlos_odds))
+        return EmWeights(nlos_odds, ones, ones, [np.ones(0)] * k, np.ones((k + 1, 3)), np.ones(k))
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:  # noqa: ARG002 - the face of PoseGraph
         """The same: each range counts as one."""
@@ -87,7 +87,7 @@ class RigidGraph(PoseGraph):
 
     def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:  # noqa: ARG002 - the face of PoseGraph
         """EM weights re-estimated at these states, and the states' negative log likelihood."""
-        nlos_odds, cost = self._solver.e_step(states.anchor_poses, bursts_of(self.parameters))
+        nlos_odds, cost = self._solver.e_step(states.anchor_poses, bursts_with_foreign(self.parameters))
         return self._weights(nlos_odds), cost
 
     def run_em(
@@ -103,7 +103,7 @@ class RigidGraph(PoseGraph):
         frames, nlos_odds, cost = self._solver.run_em(
             states.anchor_poses,
             em_weights.nlos_odds,
-            bursts_of(self.parameters),
+            bursts_with_foreign(self.parameters),
             annealing,
             rounds,
             _ITERATIONS,
