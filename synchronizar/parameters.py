@@ -320,6 +320,9 @@ class IntegrityParameters:
     largest_short_of_two: float = 0.025
     """The same where two users have so many, the second one without the first one's ranges: at most 0.004 of the second
     was where one radio told short distances for a while, 0.036 where two were exchanged and all were metres off."""
+    largest_foreign: float = 0.5
+    """Nobody is registered whose foreign ranges, and all between them, are a larger share of its ranges: which part is
+    its own is then not known."""
     largest_drift_m: float = 0.2
     """m in a second of walking, 1 sigma: nobody is registered whose ranges fit its track with farther drift only.
     Odometry simulated up to 20 times as bad as SLAM was measured at 0.17 m and 0.19 rad at most, another walk's track

@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synchronizar.arrays import Array
+from synchronizar.arrays import Array, Mask
 from synchronizar.data.registration import State
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
 from synchronizar.estimation.integrity import Verdict, nearness, verdicts
 from synchronizar.estimation.severed import severed
 from synchronizar.estimation.slips import risen_by
 from synchronizar.graph.marginals import marginals
-from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph, calibration_sigmas
+from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.extent import extent_points
@@ -82,7 +82,7 @@ def assess(
     cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
     whole = bool(np.isinf(duration))
     risen = _risen(graph, states) if whole else {}  # while people walk, ranges tell of it as they come
-    contradicted = cut | risen | _contradicted(graph, states, whole) | _no_odometry(graph, drift)
+    contradicted = cut | risen | _contradicted(graph, states, best.em_weights, whole) | _no_odometry(graph, drift)
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted, whole)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
@@ -154,23 +154,28 @@ def _extent_about_last(graph: PoseGraph, states: States, duration: float) -> Arr
     return np.asarray(scale * (extent_points(graph.problem.recording, duration) - last[:, None]))
 
 
-def _contradicted(graph: PoseGraph, states: States, whole: bool) -> dict[int, str]:
+def _contradicted(graph: PoseGraph, states: States, em_weights: EmWeights, whole: bool) -> dict[int, str]:
     """The users who are not where they seem, and why: their ranges are too short, which nothing makes them.
 
     Who has most of these goes first, and its ranges count no more for the others. One radio that tells wrong distances
     for a while has many, and the others then none; where nobody has many, but two have some, as where radios were
-    exchanged, fewer do in a `whole` recording: while people walk, ranges tell of it as they come.
+    exchanged, fewer do in a `whole` recording: while people walk, ranges tell of it as they come. Foreign ranges count
+    alike, but for those of one time that is over, with as many ranges before and after it that fit.
     """
     limits, s = graph.parameters.integrity, graph.measurements
     least = limits.largest_short_of_two if whole else limits.largest_short
     short = graph.residuals(states) > limits.innovation_sigmas * graph.sigma
+    foreign = em_weights.own_probability < 0.5
     left, shares, k = np.ones(len(s), dtype=bool), list[tuple[int, float]](), len(graph.users)
     while len(shares) < k:
-        count, off = (
-            np.bincount(s.i[which], minlength=k) + np.bincount(s.j[which], minlength=k)
-            for which in (left, left & short)
-        )
-        share = np.where(count >= _FEWEST_RANGES, off / np.maximum(count, 1), 0.0)
+        share = np.zeros(k)
+        for u in graph.active_users:
+            own = np.flatnonzero(left & ((s.i == u) | (s.j == u)))
+            if len(own) >= _FEWEST_RANGES:
+                own = own[np.argsort(s.t[own], kind="stable")]
+                over = _is_over(foreign[own], limits.largest_foreign)
+                off = short[own] & ~foreign[own] if over else short[own] | foreign[own]
+                share[u] = off.mean()
         u = max(range(k), key=lambda v: (float(share[v]), v != graph.reference))
         if share[u] <= least:
             break
@@ -183,6 +188,14 @@ def _contradicted(graph: PoseGraph, states: States, whole: bool) -> dict[int, st
         return {}
     reason = "{:.0%} of its ranges are too short by more than noise: it is not where its track has it"
     return {u: reason.format(share) for u, share in shares}
+
+
+def _is_over(foreign: Mask, largest: float) -> bool:
+    """Whether ranges (n,) in the order of time were foreign once, for a share of `largest` at most, and fit since."""
+    at = np.flatnonzero(foreign)
+    if not len(at):
+        return True
+    return bool(at[-1] - at[0] < largest * len(foreign) and len(foreign) - 1 - at[-1] >= _FEWEST_RANGES)
 
 
 def _no_odometry(graph: PoseGraph, drift: Array | None) -> dict[int, str]:
