@@ -518,8 +518,10 @@ class Bursts:
         """NLOS share in the long run; mean duration (s); probability that a detour is kept; its relative 1 sigma."""
 
     def with_foreign(self, share: float, mean_duration: float, speed: float, scale: float) -> Bursts:
-        """The same with foreign ranges: their share in the long run; mean duration (s); 1 sigma of how fast such a
-        distance changes (m/s); scale of the half Cauchy of distances (m).
+        """The same with foreign ranges.
+
+        Their share in the long run; mean duration (s); 1 sigma of how fast such a distance changes (m/s); scale of the
+        half Cauchy of distances (m).
         """
 
 def burst_nlos_odds(

@@ -38,15 +38,15 @@ class RangeParameters:
     """Probability that the extra length stays the same to the next range of a burst. Assumed."""
     short_share: float = 0.002
     """Share of ranges that are too short by more than noise. Nothing makes a signal early, so they are garbage."""
-    foreign_share: float = 0.002
+    foreign_share: float = 0.0005
     """Share of the time in which a pair's ranges are not of these two devices, because radios were exchanged or a radio
-    tells an old distance: about as rare. Assumed."""
+    tells an old distance: a few seconds in two hours. Assumed."""
     foreign_duration: float = 4.0
     """s: how long that lasts on average, until the next message or until somebody sees it. Assumed."""
-    foreign_speed: float = 1.0
-    """m/s, 1 sigma, at which such a distance changes: it is the distance of somebody who walks."""
+    foreign_speed: float = 2.0
+    """m/s, 1 sigma, at which such a distance changes: it is the distance of two others who walk."""
     foreign_scale: float = 10.0
-    """m: scale of the half-Cauchy distribution of such distances, the size of a large room."""
+    """m: scale of the half-Cauchy distribution of such distances, the size of a large room. Assumed."""
 
     multipath_sigma: float = 0.15
     """m, 1 sigma: slowly varying error of a line-of-sight range from reflections, antennas and bodies."""
@@ -322,7 +322,10 @@ class IntegrityParameters:
     was where one radio told short distances for a while, 0.036 where two were exchanged and all were metres off."""
     largest_foreign: float = 0.5
     """Nobody is registered whose foreign ranges, and all between them, are a larger share of its ranges: which part is
-    its own is then not known."""
+    its own is then not known. ..."""
+    largest_foreign_of_all: float = 0.4
+    """... Nobody is where a larger share of all ranges is foreign: a third is where two of four are exchanged for half
+    the time."""
     largest_drift_m: float = 0.2
     """m in a second of walking, 1 sigma: nobody is registered whose ranges fit its track with farther drift only.
     Odometry simulated up to 20 times as bad as SLAM was measured at 0.17 m and 0.19 rad at most, another walk's track

@@ -160,12 +160,14 @@ def _contradicted(graph: PoseGraph, states: States, em_weights: EmWeights, whole
     Who has most of these goes first, and its ranges count no more for the others. One radio that tells wrong distances
     for a while has many, and the others then none; where nobody has many, but two have some, as where radios were
     exchanged, fewer do in a `whole` recording: while people walk, ranges tell of it as they come. Foreign ranges count
-    alike, but for those of one time that is over, with as many ranges before and after it that fit.
+    alike, but for those of one time that is over, and shorter than the rest. Where most may be foreign nobody is known.
     """
     limits, s = graph.parameters.integrity, graph.measurements
     least = limits.largest_short_of_two if whole else limits.largest_short
     short = graph.residuals(states) > limits.innovation_sigmas * graph.sigma
     foreign = em_weights.own_probability < 0.5
+    if foreign.sum() > limits.largest_foreign_of_all * len(foreign):
+        return dict.fromkeys(graph.active_users, f"{foreign.mean():.0%} of all ranges seem to be of other devices")
     left, shares, k = np.ones(len(s), dtype=bool), list[tuple[int, float]](), len(graph.users)
     while len(shares) < k:
         share = np.zeros(k)
@@ -186,7 +188,8 @@ def _contradicted(graph: PoseGraph, states: States, em_weights: EmWeights, whole
         shares = [(u, share) for u, share in shares if share > limits.largest_short]
     elif len(shares) < 2:
         return {}
-    reason = "{:.0%} of its ranges are too short by more than noise: it is not where its track has it"
+    of_others = "" if not foreign.any() else ", or those of other devices"
+    reason = "{:.0%} of its ranges are too short by more than noise" + of_others + ": it is not where its track has it"
     return {u: reason.format(share) for u, share in shares}
 
 

@@ -173,9 +173,9 @@ def test_a_long_chain_that_may_be_foreign_gives_numbers(e: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "settings_",
+    "foreign",
     [(1.0, 1.0, 1.0, 1.0), (-0.1, 1.0, 1.0, 1.0), (0.1, 0.0, 1.0, 1.0), (0.1, 1.0, -1.0, 1.0), (0.1, 1.0, 1.0, 0.0)],
 )
-def test_what_makes_no_foreign_ranges_is_refused(settings_: tuple[float, float, float, float]) -> None:
-    with pytest.raises(ValueError, match="share|speed"):
-        BURSTS.with_foreign(*settings_)
+def test_what_makes_no_foreign_ranges_is_refused(foreign: tuple[float, float, float, float]) -> None:
+    with pytest.raises(ValueError, match=r"share|speed"):
+        BURSTS.with_foreign(*foreign)
