@@ -803,14 +803,15 @@ NB_MODULE(_core, m) {
            "share"_a, "mean_duration"_a, "keeps_length"_a, "fluctuation"_a)
       .def(
           "with_foreign",
-          [](Bursts bursts, double share, double mean_duration, double speed, double scale) {
+          [](Bursts bursts, double share, double mean_duration, double speed, double scale, double least) {
             require(0.0 <= share && share < 1.0 && mean_duration > 0.0,
                     "share must be in [0, 1), mean_duration positive");
-            require(speed >= 0.0 && scale > 0.0, "speed must not be negative, scale positive");
-            bursts.foreign = {share, mean_duration, speed, scale};
+            require(speed >= 0.0 && scale > 0.0 && least > 0.0,
+                    "speed must not be negative, scale and least positive");
+            bursts.foreign = {share, mean_duration, speed, scale, least};
             return bursts;
           },
-          "share"_a, "mean_duration"_a, "speed"_a, "scale"_a);
+          "share"_a, "mean_duration"_a, "speed"_a, "scale"_a, "least"_a);
 
   m.def(
       "burst_nlos_odds",
@@ -854,15 +855,19 @@ NB_MODULE(_core, m) {
   m.def(
       "foreign_or_nlos_of_pairs",
       [=](const Numbers& bounds, const Column& t, const Column& measured, const Column& whitened,
-          const Column& sigma, const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts) {
+          const Column& sigma, const Column& nlos_odds, const Column& worth, const NlosMixture& loss,
+          const Bursts& bursts) {
         check_chains(bounds, t, whitened, sigma, nlos_odds);
         require(measured.size() == t.size() && measured.allFinite(), "all columns must be (n,), finite");
+        require(worth.size() == bounds.size() - 1 && (worth.array() > 0.0).all(),
+                "worth must be (p,), positive");
         const PairsBurstOdds found =
-            burst_nlos_odds(bounds, t, whitened, sigma, nlos_odds, loss, bursts, &measured);
+            burst_nlos_odds(bounds, t, whitened, sigma, nlos_odds, loss, bursts, &measured, &worth);
         const bool any = found.foreign.size() > 0;
         return std::tuple(found.nlos_odds, any ? found.foreign : Column(Column::Zero(t.size())), found.cost);
       },
-      "bounds"_a, "t"_a, "measured"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "loss"_a, "bursts"_a);
+      "bounds"_a, "t"_a, "measured"_a, "whitened"_a, "sigma"_a, "nlos_odds"_a, "worth"_a, "loss"_a,
+      "bursts"_a);
 
   m.def(
       "common_shift",

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "factors/vectorised.h"
@@ -14,6 +15,8 @@ using std::size_t;
 
 constexpr double kLeast = 1e-12;  // lower bound of likelihoods, against division by zero
 constexpr size_t kLengths = 24, kLanes = 8;
+constexpr double kLeastEvent = 1e-30;  // of a probability that floats are to hold
+constexpr double kUnseen = 0.9;        // of foreign ranges that are right by chance
 
 // Floats are precise enough for probabilities, and a chain may be a million ranges long.
 using Lengths = std::array<float, kLengths>;
@@ -79,6 +82,7 @@ struct Chain {
 struct Given {
   Eigen::Index size;
   const double *t, *whitened, *sigma, *nlos_odds, *measured;
+  double worth;  // by which the chain's cost is multiplied afterwards
 };
 
 struct Model {
@@ -87,6 +91,11 @@ struct Model {
   Ladder ladder;
   double rate, typical_odds;
   double foreign_share, foreign_rate;
+
+  // Who is foreign is one event, whatever each range of it is worth: its probability counts in full.
+  SYNCHRONIZAR_INLINE double in_full(double probability, double worth) const {
+    return std::max(std::pow(probability, 1.0 / worth), kLeastEvent);
+  }
 
   Model(const NlosMixture& of, const Bursts& with, bool foreign)
       : loss(of),
@@ -103,11 +112,14 @@ SYNCHRONIZAR_INLINE void prepare_foreign(const Given& given, const Model& model,
   constexpr double kRoot2Pi = 2.5066282746310002, k2PerPi = 0.63661977236758134;
   const Foreign& foreign = model.bursts.foreign;
   const double share = model.foreign_share, per_duration = 1.0 / foreign.mean_duration;
-  const double per_scale = 1.0 / foreign.scale, at_zero = kRoot2Pi * k2PerPi * per_scale;
+  const double per_least = 1.0 / foreign.least, per_scale = 1.0 / foreign.scale,
+               at_zero = kRoot2Pi * k2PerPi * per_scale;
   for (Eigen::Index at = 0; at < given.size; ++at) {
     const auto k = static_cast<size_t>(at);
     const double d = given.measured[at] * per_scale, anew = given.sigma[at] * at_zero / (1.0 + d * d);
-    chain.anew[k] = static_cast<float>(anew);
+    const double off = given.whitened[at] * given.sigma[at] * per_least;
+    const double seen = 1.0 - kUnseen * exp_of_negative(-0.5 * off * off);
+    chain.anew[k] = static_cast<float>(seen * anew);
     if (at == 0) continue;
     const double dt = given.t[at] - given.t[at - 1], way = foreign.speed * dt, sigma = given.sigma[at];
     const double variance = sigma * sigma + given.sigma[at - 1] * given.sigma[at - 1] + way * way;
@@ -115,8 +127,8 @@ SYNCHRONIZAR_INLINE void prepare_foreign(const Given& given, const Model& model,
     const double near = std::exp(-0.5 * step * step / variance) * sigma / std::sqrt(variance);
     const double kept = exp_of_negative(-per_duration * dt),
                  changes = 1.0 - exp_of_negative(-model.foreign_rate * dt);
-    chain.goes_on[k] = static_cast<float>(kept * near + (1.0 - kept) * anew);
-    chain.enters[k] = static_cast<float>(share * changes);
+    chain.goes_on[k] = static_cast<float>(seen * (kept * near + (1.0 - kept) * anew));
+    chain.enters[k] = static_cast<float>(model.in_full(share * changes, given.worth));
     chain.leaves[k] = static_cast<float>((1.0 - share) * changes);
   }
 }
@@ -179,9 +191,10 @@ struct Forward {
   Lengths nlos;
   double cost = 0.0, likelihood = 1.0;  // of the ranges whose logarithm has not been taken yet
 
-  SYNCHRONIZAR_INLINE void begin(const Model& model) {
+  SYNCHRONIZAR_INLINE void begin(const Model& model, const Given& given) {
     share = static_cast<float>(model.bursts.share);
-    foreign = static_cast<float>(model.foreign_share);
+    const bool any = model.foreign_share > 0.0;
+    foreign = any ? static_cast<float>(model.in_full(model.foreign_share, given.worth)) : 0.0F;
     inlier = static_cast<float>((1.0 - model.bursts.share) * (1.0 - model.foreign_share));
     was_nlos = static_cast<float>(model.bursts.share * (1.0 - model.foreign_share));
     for (size_t m = 0; m < kLengths; ++m) nlos[m] = was_nlos * model.ladder.prior[m];
@@ -249,8 +262,8 @@ struct Backward {
     chain.is_nlos[k] = sum_of(both);
     if (kForeign) {
       const float of_foreign = chain.foreign_ahead[k] * after_foreign;
-      chain.is_foreign[k] =
-          of_foreign / (of_foreign + chain.is_nlos[k] + chain.is_inlier[k] * chain.inlier[k]);
+      const float of_own = chain.is_nlos[k] + chain.is_inlier[k] * chain.inlier[k];
+      chain.is_foreign[k] = of_foreign / std::max(of_foreign + of_own, std::numeric_limits<float>::min());
     }
     for (size_t m = 0; m < kLengths; ++m) both[m] = prior[m] * after_nlos[m];
     const float to_nlos = chain.to_nlos[k], keeps_length = chain.keeps_length[k];
@@ -311,8 +324,8 @@ SYNCHRONIZAR_INLINE void run(const Given* given, size_t count, const Model& mode
     prepare(given[c], model, work[c]);
   }
   const Lengths prior = model.ladder.prior;
-  for (size_t c = 0; c < kTogether; ++c) {
-    forward[c].begin(model);
+  for (size_t c = 0; c < count; ++c) {
+    forward[c].begin(model, given[c]);
     backward[c].begin(model);
   }
   for (Eigen::Index k = 0; k < longest; ++k) {
@@ -347,7 +360,7 @@ SYNCHRONIZAR_AVX2 void run_by_avx2(const Given* given, size_t count, const Model
 
 PairsBurstOdds burst_nlos_odds(const Eigen::VectorXi& bounds, const Column& t, const Column& whitened,
                                const Column& sigma, const Column& nlos_odds, const NlosMixture& loss,
-                               const Bursts& bursts, const Column* measured) {
+                               const Bursts& bursts, const Column* measured, const Column* worth) {
   const Model model(loss, bursts, measured != nullptr);
   const bool foreign = model.foreign_share > 0.0;
   Chains work;
@@ -359,9 +372,13 @@ PairsBurstOdds burst_nlos_odds(const Eigen::VectorXi& bounds, const Column& t, c
     std::array<Found, kTogether> found{};
     for (size_t c = 0; c < count; ++c) {
       const Eigen::Index q = p + static_cast<Eigen::Index>(c), begin = bounds[q];
-      given[c] = {bounds[q + 1] - begin,    t.data() + begin,
-                  whitened.data() + begin,  sigma.data() + begin,
-                  nlos_odds.data() + begin, foreign ? measured->data() + begin : nullptr};
+      given[c] = {bounds[q + 1] - begin,
+                  t.data() + begin,
+                  whitened.data() + begin,
+                  sigma.data() + begin,
+                  nlos_odds.data() + begin,
+                  foreign ? measured->data() + begin : nullptr,
+                  worth != nullptr ? (*worth)[q] : 1.0};
       found[c] = {out.nlos_odds.data() + begin, foreign ? out.foreign.data() + begin : nullptr};
     }
     has_avx2() ? run_by_avx2(given.data(), count, model, work, found.data(), out.cost.data() + p)

@@ -16,7 +16,8 @@
 // some seconds: their radios were exchanged, or a radio told an old distance. Such a range says nothing of
 // where the devices are. It is the distance of something, though, and so near the one before it: with
 // probability exp(-dt / mean_duration) it is N(d, 2 sigma^2 + (speed dt)^2) about that one's d, or else drawn
-// anew from a half Cauchy. It is entered and left as NLOS is.
+// anew from a half Cauchy. It is entered and left as NLOS is. Errors of the size `least` reflections
+// and drift make too: that near to where it should be, a foreign range is a tenth as likely.
 #pragma once
 
 #include "factors/loss.h"
@@ -29,6 +30,7 @@ struct Foreign {
   double mean_duration = 1.0;  // s
   double speed = 1.0;          // m/s, 1 sigma, at which a distance changes
   double scale = 1.0;          // m, of the half Cauchy of distances
+  double least = 1.0;          // m, 1 sigma of errors that are none of it
 };
 
 struct Bursts {
@@ -52,7 +54,8 @@ BurstOdds burst_nlos_odds(const Column& t, const Column& whitened, const Column&
                           const Column& nlos_odds, const NlosMixture& loss, const Bursts& bursts);
 
 // The same of many pairs, each a chain of its own: `bounds` are the first range of each pair, and the end.
-// With the `measured` distances (m) ranges may be foreign; without them they are not.
+// With the `measured` distances (m) ranges may be foreign; without them they are not. Each pair's cost is
+// multiplied by what its ranges are `worth` (1 without) afterwards.
 struct PairsBurstOdds {
   Column nlos_odds;  // where the range is not foreign
   Column foreign;  // the probability that it is, given all ranges, its own residual too; empty where none is
@@ -60,6 +63,7 @@ struct PairsBurstOdds {
 };
 PairsBurstOdds burst_nlos_odds(const Eigen::VectorXi& bounds, const Column& t, const Column& whitened,
                                const Column& sigma, const Column& nlos_odds, const NlosMixture& loss,
-                               const Bursts& bursts, const Column* measured = nullptr);
+                               const Bursts& bursts, const Column* measured = nullptr,
+                               const Column* worth = nullptr);
 
 }  // namespace synchronizar

@@ -517,11 +517,11 @@ class Bursts:
     def __init__(self, share: float, mean_duration: float, keeps_length: float, fluctuation: float) -> None:
         """NLOS share in the long run; mean duration (s); probability that a detour is kept; its relative 1 sigma."""
 
-    def with_foreign(self, share: float, mean_duration: float, speed: float, scale: float) -> Bursts:
+    def with_foreign(self, share: float, mean_duration: float, speed: float, scale: float, least: float) -> Bursts:
         """The same with foreign ranges.
 
         Their share in the long run; mean duration (s); 1 sigma of how fast such a distance changes (m/s); scale of the
-        half Cauchy of distances (m).
+        half Cauchy of distances (m); 1 sigma of errors that are none of it (m).
         """
 
 def burst_nlos_odds(
@@ -544,12 +544,13 @@ def foreign_or_nlos_of_pairs(
     whitened: Array,
     sigma: Array,
     nlos_odds: Array,
+    worth: Array,
     loss: NlosMixture,
     bursts: Bursts,
 ) -> tuple[Array, Array, Array]:
     """The same where ranges may be foreign: odds (n,), probabilities (n,) that each is foreign, costs (p,).
 
-    `measured` (n,) m are the distances. The odds are of a range that is not foreign.
+    `measured` (n,) m are the distances, `worth` (p,) is what the costs are multiplied with afterwards. The odds are of a range that is not foreign.
     """
 
 def common_shift(

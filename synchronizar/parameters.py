@@ -47,6 +47,8 @@ class RangeParameters:
     """m/s, 1 sigma, at which such a distance changes: it is the distance of two others who walk."""
     foreign_scale: float = 10.0
     """m: scale of the half-Cauchy distribution of such distances, the size of a large room. Assumed."""
+    foreign_least: float = 0.45
+    """m, 1 sigma: an error of this size is none of it, since reflections (three sigmas) and drift make it too."""
 
     multipath_sigma: float = 0.15
     """m, 1 sigma: slowly varying error of a line-of-sight range from reflections, antennas and bodies."""

@@ -292,7 +292,7 @@ def _measured_again(optimum: LocalOptimum, rounds: int) -> LocalOptimum:
     and ranges count for less.
     """
     states = optimum.states
-    graph = optimum.graph.with_measured_sigma(states)
+    graph = optimum.graph.with_measured_sigma(states, optimum.em_weights.range_weight)
     em_weights, _ = graph.e_step(states, optimum.em_weights)
     em_weights = graph.with_range_weights(states, em_weights)
     beyond = 1.0 - (graph.measurements.sigma / graph.sigma) ** 2

@@ -220,7 +220,7 @@ class PoseGraph:
         count = len(self.lasting_sigma)
         return states.lasting if len(states.lasting) == count else np.zeros(count)
 
-    def with_measured_sigma(self, states: States) -> Self:
+    def with_measured_sigma(self, states: States, range_weight: Array) -> Self:
         """The same graph with sigmas as large as line-of-sight errors are at these states, noise at least.
 
         They are measured on what passes by the largest sigma that they may have, with reflections or without: on what
@@ -228,17 +228,18 @@ class PoseGraph:
         """
         m, s, sigma = self.parameters, self.measurements, self._largest_sigma
         whitened, bounds = self.residuals(states) / sigma, pair_bounds(s)
-        odds, own, _ = self._chains(whitened, sigma)
+        odds, own, _ = self._chains(whitened, sigma, range_weight)
         _, weight, _ = mixture_terms(whitened, sigma, odds, self.loss)
         return self._with_sigma(sigma * measured_sizes(bounds, s.sigma / sigma, whitened, own * weight, m), sigma)
 
-    def _chains(self, whitened: Array, sigma: Array) -> tuple[Array, Array, Array]:
-        """NLOS odds and own probabilities (n,) at residuals (n,) over `sigma` (n,), and the costs of pairs (p,)."""
-        s, bursts = self.measurements, bursts_with_foreign(self.parameters)
+    def _chains(self, whitened: Array, sigma: Array, range_weight: Array) -> tuple[Array, Array, float]:
+        """NLOS odds and own probabilities (n,) at residuals (n,) over `sigma` (n,), and the cost of all chains."""
+        s, bursts, bounds = self.measurements, bursts_with_foreign(self.parameters), pair_bounds(self.measurements)
+        worth = mean_by_pair(range_weight, bounds)
         odds, foreign, costs = foreign_or_nlos_of_pairs(
-            pair_bounds(s), s.t, s.distance, whitened, sigma, s.nlos_odds, self.loss, bursts
+            bounds, s.t, s.distance, whitened, sigma, s.nlos_odds, worth, self.loss, bursts
         )
-        return odds, np.maximum(1.0 - foreign, _LEAST_OWN), costs
+        return odds, np.maximum(1.0 - foreign, _LEAST_OWN), float(costs @ worth)
 
     def _with_sigma(self, sigma: Array, largest: Array) -> Self:
         out = copy(self)
@@ -400,8 +401,7 @@ class PoseGraph:
         Range weights stay as they were before. Costs of graphs with the same ranges and range weights can be
         compared.
         """
-        odds, own, chains = self._chains(self.residuals(states) / self.sigma, self.sigma)
-        cost = float(chains @ mean_by_pair(before.range_weight, pair_bounds(self.measurements)))
+        odds, own, cost = self._chains(self.residuals(states) / self.sigma, self.sigma, before.range_weight)
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         for u in self.drifting():
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)

@@ -30,7 +30,8 @@ def bursts_of(parameters: Parameters) -> Bursts:
 def bursts_with_foreign(parameters: Parameters) -> Bursts:
     """The same chain where ranges may not be of the two devices for some seconds."""
     r = parameters.ranges
-    return bursts_of(parameters).with_foreign(r.foreign_share, r.foreign_duration, r.foreign_speed, r.foreign_scale)
+    foreign = r.foreign_share, r.foreign_duration, r.foreign_speed, r.foreign_scale, r.foreign_least
+    return bursts_of(parameters).with_foreign(*foreign)
 
 
 def height_sigma_of(user: User, parameters: Parameters) -> float:

@@ -21,8 +21,8 @@ from support.reference_kernel import honest_density
 from synchronizar._core import Bursts, burst_nlos_odds_of_pairs, foreign_or_nlos_of_pairs
 from synchronizar.arrays import Array
 
-FOREIGN_SHARE, FOREIGN_DURATION, SPEED, SCALE = 0.01, 3.0, 1.0, 10.0
-FOREIGN = BURSTS.with_foreign(FOREIGN_SHARE, FOREIGN_DURATION, SPEED, SCALE)
+FOREIGN_SHARE, FOREIGN_DURATION, SPEED, SCALE, LEAST = 0.01, 3.0, 1.0, 10.0, 0.4
+FOREIGN = BURSTS.with_foreign(FOREIGN_SHARE, FOREIGN_DURATION, SPEED, SCALE, LEAST)
 
 
 def drawn_anew(d: float, sigma: float) -> float:
