@@ -100,9 +100,10 @@ class SlamParameters:
     """The same by the way walked: 0.007 rad in the first second of walking, between 0.01 and 0.001 to 0.007 rad."""
     drift_dof: float = 5.0
     """Degrees of freedom of Student's t, as which steps are distributed: trackers slip now and then."""
-    drift_least: float = 0.35
-    """Factor on these figures that no SLAM is taken to stay below, though its ranges would have it drift less: on
-    recordings with a truth, errors grew again below it while the ranges of a short walk saw no difference."""
+    drift_least: float = 0.022
+    """Factor on these figures that stands for SLAM that does not drift."""
+    driftless_share: float = 0.5
+    """Probability of that, before any range is known."""
     drift_weight: float = 20.0
     """Steps that the drift of all users together is worth where that of a device's own SLAM is estimated."""
     drift_seen_weight: float = 8.0
@@ -236,6 +237,8 @@ class SearchParameters:
     ranges wide drift explains less than a tenth of them."""
     drift_lost: float = 0.6
     """Where a larger share of ranges seems NLOS, everything may be elsewhere, and bending walks says nothing."""
+    drift_compared: float = 0.35
+    """Factor on usual drift from which on it is compared with wide drift, though it may be less."""
     drift_cost: float = 5.0
     """Log likelihood: so much more must speak for such SLAM than for NLOS ranges; one device in a hundred has it."""
     parts: int = 24

@@ -1,15 +1,17 @@
 """Noise of each device's SLAM steps, by what the ranges of a recording say of it.
 
 Most SLAM drifts less than the model's, some more, and a walk is too short to tell each device's drift from its ranges
-alone. So all users' drift is a common factor times that of `parameters.slam`: half of Student's t with three degrees of
-freedom, whose mean square is 1, and no less than `slam.drift_least`. Each user's own factor lies about the common one,
-as if so many steps (`slam.drift_weight`) had been seen with it. The evidence (marginal likelihood) of a common factor
-is known in closed form in the graph linearised at an optimum; own factors are found by expectation maximisation.
+alone. So all users' drift is a common factor times that of `parameters.slam`: next to nothing (`slam.drift_least`) with
+probability `slam.driftless_share`, else half of Student's t with three degrees of freedom, whose mean square is 1 (a
+spike and a slab). Each user's own factor lies about the common one, as if so many steps (`slam.drift_weight`) had been
+seen with it. The evidence (marginal likelihood) of a common factor is known in closed form in the graph linearised at
+an optimum; own factors are found by expectation maximisation.
 
 Several common factors explain the ranges, and none is chosen: the graph is solved with the one under which the ranges
 determine as many errors of steps as they do on average (MacKay, Neural Computation 4, 1992), so nothing flips.
-Covariances are told with the mean square of the factors. Where it is less than the usual one they have a standard
-deviation of it more, up to that: a factor that is hardly known gives errors with tails.
+Covariances are told with the mean square of the factors that the slab alone makes likely, for all SLAM drifts a little:
+the spike is there for the estimate, which gains by it where nothing is wrong. Where that is less than the usual one
+they have a standard deviation of it more, up to that: a factor that is hardly known gives errors with tails.
 
 Shumway and Stoffer (J. Time Series Analysis 3, 1982): the expected square of a step's error is the square at the most
 likely states plus its posterior variance. Steps are Gaussian here, and slips are left out; with the graph's weights of
@@ -66,13 +68,18 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, drift: A
     if not (determined[likely] > 0.0).any():
         return StepNoise(used, told)
     factors, evidence, determined = np.array(of_users)[likely], evidence[likely], determined[likely]
-    weight = (tried / (1.0 + tried**2) ** 2)[likely] * np.exp(evidence - evidence.max())
-    weight /= weight.sum()
-    at = float(np.interp(weight @ determined, determined, np.arange(len(weight))))
+    prior = tried / (1.0 + tried**2) ** 2
+    prior /= prior.sum()
+    spike = slam.driftless_share * (np.arange(len(tried)) == 0)
+    likelihood = np.exp(evidence - evidence.max())
+    weight = (spike + (1.0 - slam.driftless_share) * prior)[likely] * likelihood
+    at = float(np.interp(weight @ determined / weight.sum(), determined, np.arange(len(weight))))
     low = max(min(int(at), len(weight) - 2), 0)
     used[walks.users] = factors[low] ** (low + 1 - at) * factors[min(low + 1, len(weight) - 1)] ** (at - low)
-    squared = np.tensordot(weight, factors**2, axes=1)
-    spread = np.sqrt(np.tensordot(weight, (factors**2 - squared) ** 2, axes=1))
+    slab = prior[likely] * likelihood
+    slab /= slab.sum()
+    squared = np.tensordot(slab, factors**2, axes=1)
+    spread = np.sqrt(np.tensordot(slab, (factors**2 - squared) ** 2, axes=1))
     told[walks.users] = np.sqrt(np.minimum(squared + spread, np.maximum(squared, 1.0)))
     return StepNoise(used, np.maximum(used, told))
 

@@ -35,6 +35,15 @@ def test_a_walk_tells_how_much_slam_drifts(seed: int) -> None:
     assert ((threefold > 2.4) & (threefold < 3.6)).all()
 
 
+def test_the_more_ranges_there_are_the_less_drift_is_told_of_slam_that_does_not_drift() -> None:
+    few, many = (
+        np.array([u.slam_noise for u in register(simulate(scene).recording).users.values()])
+        for scene in (Scene(users=4, seed=3, rate_hz=rate) for rate in (5.0, 125.0))
+    )
+    assert (many < 0.5 * few).all()
+    assert (many < 0.25).all()
+
+
 def test_a_radio_that_stands_still_has_no_slam_and_trusted_slam_no_noise() -> None:
     recording = simulate(replace(Scene(users=2, seconds=8.0), static_radios=1)).recording
     full, rigid = register(recording), register(recording, model="rigid")
