@@ -225,7 +225,9 @@ def _add_live_commands(commands: Any, commands_by_name: Mapping[str, Command]) -
         action="store_true",
         help="modules range all the time [they sleep while nobody needs ranges]",
     )
-    serve.add_argument("--app", metavar="NAME", help="what people do in its rooms: catch, or one that was installed")
+    serve.add_argument(
+        "--app", metavar="NAME", help="what people do in its rooms: catch, treasure, eyes, robot, or your own"
+    )
     serve.add_argument("--json", action="store_true", help="print one line of JSON once it listens")
     serve.set_defaults(command=commands_by_name["serve"])
 
