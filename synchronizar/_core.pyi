@@ -550,7 +550,8 @@ def foreign_or_nlos_of_pairs(
 ) -> tuple[Array, Array, Array]:
     """The same where ranges may be foreign: odds (n,), probabilities (n,) that each is foreign, costs (p,).
 
-    `measured` (n,) m are the distances, `worth` (p,) is what the costs are multiplied with afterwards. The odds are of a range that is not foreign.
+    `measured` (n,) m are the distances, `worth` (p,) is what the costs are multiplied with afterwards. The odds are
+    of a range that is not foreign.
     """
 
 def common_shift(

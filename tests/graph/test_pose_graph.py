@@ -164,6 +164,7 @@ def test_the_graphs_error_is_the_sum_of_its_parts(annealing: float) -> None:
     states = elsewhere(graph.initial_states(random.normal(0.0, 2.0, (3, 4)) * [[0.0], [1.0], [1.0]]), 3)
     em_weights = EmWeights(
         random.uniform(0.05, 1.0, len(graph.measurements)),
+        random.uniform(0.0, 1.0, len(graph.measurements)),
         random.uniform(0.1, 1.0, len(graph.measurements)),
         [random.uniform(0.3, 1.5, len(k.step_sigma)) for k in graph.keyframes],
         np.ones((4, 3)),
@@ -173,7 +174,8 @@ def test_the_graphs_error_is_the_sum_of_its_parts(annealing: float) -> None:
     whitened = graph.residuals(states) / graph.sigma / annealing
     ranges = annealing**2 * mixture_terms(whitened, graph.sigma, em_weights.nlos_odds, nlos_mixture(MODEL))[0]
     slam = [0.5 * float(em_weights.step_weight[u] @ (step_errors(graph, states, u) ** 2).sum(axis=1)) for u in range(3)]
-    expected = float(em_weights.range_weight @ ranges) + sum(slam) + prior_cost(graph, states)
+    worth = em_weights.own_probability * em_weights.range_weight
+    expected = float(worth @ ranges) + sum(slam) + prior_cost(graph, states)
     assert found == pytest.approx(expected, rel=1e-10)
 
 

@@ -70,6 +70,7 @@ def states_of(graph: PoseGraph, seed: int = 0, far: float = 0.3) -> tuple[States
     weights = [random.uniform(0.5, 1.0, len(w)) for w in first.step_weight]
     return states, EmWeights(
         first.nlos_odds * random.uniform(0.5, 2.0, len(first.nlos_odds)),
+        random.uniform(0.5, 1.0, len(first.nlos_odds)),
         first.range_weight * random.uniform(0.5, 2.0, len(first.nlos_odds)),
         weights,
         random.uniform(0.5, 1.0, (k + 1, 3)),
