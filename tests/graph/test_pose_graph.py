@@ -5,9 +5,10 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from support.nlos_chain import chain_of_pair
 from support.solver_scenes import pair_bending
 
-from synchronizar._core import burst_nlos_odds, mixture_terms
+from synchronizar._core import mixture_terms
 from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
@@ -15,7 +16,7 @@ from synchronizar.geometry import YawFrame, apply_frames, wrap_angle
 from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.marginals import marginals
 from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph, calibration_dof, calibration_sigmas
-from synchronizar.graph.priors import bursts_of, nlos_mixture
+from synchronizar.graph.priors import nlos_mixture
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, common_track
 from synchronizar.parameters import Parameters
@@ -189,10 +190,12 @@ def test_the_judged_cost_is_that_of_bursts_of_students_steps_and_of_the_priors()
     s, whitened, expected = graph.measurements, graph.residuals(states) / graph.sigma, 0.0
     for pair in pairs(s):
         k = pair.measurements
-        columns = s.t[k], whitened[k], graph.sigma[k], s.nlos_odds[k]
-        odds, chain = burst_nlos_odds(*columns, nlos_mixture(MODEL), bursts_of(MODEL))
-        np.testing.assert_array_equal(em_weights.nlos_odds[k], odds)
-        expected += chain * float(before.range_weight[k].mean())
+        worth = float(before.range_weight[k].mean())
+        columns = s.t[k], s.distance[k], whitened[k], graph.sigma[k], s.nlos_odds[k]
+        odds, foreign, chain = chain_of_pair(columns, worth, MODEL)
+        np.testing.assert_allclose(em_weights.nlos_odds[k], odds, rtol=1e-6)
+        np.testing.assert_allclose(em_weights.own_probability[k], np.maximum(1.0 - foreign, 1e-9), rtol=1e-6)
+        expected += chain * worth
     f = MODEL.slam.drift_dof + 4.0
     for u in range(3):
         # Without a turn gtsam's difference of two poses is the plain one.
@@ -226,9 +229,9 @@ def test_students_steps_are_a_mixture_of_gaussian_ones() -> None:
         for pair in pairs(ranges):
             k = pair.measurements
             whitened = graph.residuals(states._replace(keyframe_poses=keyframe_poses))[k] / graph.sigma[k]
-            columns = ranges.t[k], whitened, graph.sigma[k], ranges.nlos_odds[k]
-            chain = burst_nlos_odds(*columns, nlos_mixture(MODEL), bursts_of(MODEL))[1]
-            cost -= chain * float(graph.initial_em_weights().range_weight[k].mean())
+            columns = ranges.t[k], ranges.distance[k], whitened, graph.sigma[k], ranges.nlos_odds[k]
+            worth = float(graph.initial_em_weights().range_weight[k].mean())
+            cost -= worth * chain_of_pair(columns, worth, MODEL)[2]
         return cost, float(em_weights.step_weight[1][2])
 
     for sigmas in (0.5, 3.0, 10.0):

@@ -4,18 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.nlos_chain import chain_of_pair
 from support.reference_kernel import loss_value
 from support.solver_scenes import difference, distances, frames_of, recording_of, rigid_graph, track_of, true_frames
 from support.solver_scenes import register_rigid as register
 
-from synchronizar._core import NlosMixture, burst_nlos_odds
+from synchronizar._core import NlosMixture
 from synchronizar.arrays import Array
 from synchronizar.data.ranges import Ranges
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.graph import keys
 from synchronizar.graph.gtsam_form import GtsamForm
-from synchronizar.graph.priors import bursts_of, height_sigma_of
+from synchronizar.graph.priors import height_sigma_of
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.parameters import Parameters
@@ -195,18 +196,11 @@ def test_bursts_cost_what_each_pair_s_chain_and_the_heights_cost() -> None:
     measurements, graph = rigid_graph(simulation.recording)
     frames = noisy(true_frames(simulation, "phone0"), 1)
     e = (distances(measurements, frames) - measurements.distance) / measurements.sigma
-    late = NlosMixture(MODEL.ranges.detour_scale, MODEL.ranges.short_share / (1.0 - MODEL.ranges.short_share))
     chains = 0.0
     for pair in pairs(measurements):
         s = pair.measurements
-        chains += burst_nlos_odds(
-            measurements.t[s],
-            e[s],
-            measurements.sigma[s],
-            measurements.nlos_odds[s],
-            late,
-            bursts_of(MODEL),
-        )[1]
+        columns = measurements.t[s], measurements.distance[s], e[s], measurements.sigma[s], measurements.nlos_odds[s]
+        chains += chain_of_pair(columns, 1.0, MODEL)[2]
     _, cost = graph.e_step(graph.initial_states(frames), graph.initial_em_weights())
     assert cost == pytest.approx(chains + height_prior(frames, np.full(3, MODEL.priors.height_sigma)), rel=1e-9)
 
@@ -310,8 +304,7 @@ def test_the_odds_are_those_of_each_pair_s_chain() -> None:
     expected = height_prior(frames, np.sqrt(2.0) * graph.height_sigma)
     for pair in pairs(measurements):
         s = measurements[pair.measurements]
-        whitened = np.ascontiguousarray(e[pair.measurements])
-        odds, chain = burst_nlos_odds(s.t, whitened, s.sigma, s.nlos_odds, graph.loss, bursts_of(MODEL))
+        odds, _, chain = chain_of_pair((s.t, s.distance, e[pair.measurements], s.sigma, s.nlos_odds), 1.0, MODEL)
         np.testing.assert_allclose(weights.nlos_odds[pair.measurements], odds, rtol=1e-5)
         expected += chain
     assert cost == pytest.approx(expected)

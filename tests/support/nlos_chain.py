@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from support.reference_kernel import honest_density, stray_density
-from synchronizar._core import Bursts, NlosMixture
+from synchronizar._core import Bursts, NlosMixture, foreign_or_nlos_of_pairs
 from synchronizar.arrays import Array
+from synchronizar.graph.priors import bursts_with_foreign, nlos_mixture
+from synchronizar.parameters import Parameters
 
 LATE = NlosMixture(scale=1.0, early_odds=0.002)
 SHARE, DURATION = 0.1, 1.0
@@ -65,3 +67,18 @@ def late_by_the_loss(e: Array, sigma: Array, nlos_odds: Array, loss: NlosMixture
 
 def stamps(n: int, dt: float) -> Array:
     return np.asarray(dt * np.arange(n), dtype=float)
+
+
+def chain_of_pair(
+    ranges: tuple[Array, Array, Array, Array, Array], worth: float, parameters: Parameters
+) -> tuple[Array, Array, float]:
+    """NLOS odds, probabilities of being foreign and cost of one pair's chain, by the core and the model's parameters.
+
+    `ranges` are stamps, distances, whitened residuals, sigmas and odds.
+    """
+    bounds = np.array([0, len(ranges[0])], dtype=np.int32)
+    columns = (np.ascontiguousarray(column) for column in ranges)
+    t, d, e, sigma, odds = columns
+    loss, bursts = nlos_mixture(parameters), bursts_with_foreign(parameters)
+    found, foreign, cost = foreign_or_nlos_of_pairs(bounds, t, d, e, sigma, odds, np.array([worth]), loss, bursts)
+    return found, foreign, float(cost[0])
