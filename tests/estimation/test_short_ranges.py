@@ -1,4 +1,4 @@
-"""Ranges that are too short, which nothing makes them: who is not where it seems."""
+"""Ranges that are too short, which nothing makes them, or foreign: who is not where it seems."""
 
 from __future__ import annotations
 
@@ -9,35 +9,44 @@ from typing import Any
 import numpy as np
 import pytest
 
-from synchronizar.arrays import Indices
+from synchronizar.arrays import Array, Indices
 from synchronizar.estimation.assessment import _contradicted
 from synchronizar.parameters import Parameters
 
 PAIRS = list(combinations(range(4), 2))
 RANGES = 100  # of each pair
+Stretches = dict[tuple[int, int], tuple[int, int]]
 
 
-def contradicted(short: dict[tuple[int, int], int]) -> set[int]:
-    """Of four users, the first of whom is the reference, by how many of each pair's ranges are a metre too short."""
+def contradicted(short: dict[tuple[int, int], int], foreign: Stretches | None = None) -> set[int]:
+    """Of four users, the first of whom is the reference, by how many of each pair's ranges are a metre too short.
+
+    Between those numbers of its ranges each pair's are `foreign`, and too short.
+    """
     i, j = np.repeat(np.array(PAIRS, dtype=np.int32), RANGES, axis=0).T
-    residuals = np.zeros(len(i))
+    residuals, own = np.zeros(len(i)), np.ones(len(i))
     for pair, count in short.items():
         begin = PAIRS.index(pair) * RANGES
         residuals[begin : begin + count] = 1.0
+    for pair, (since, until) in (foreign or {}).items():
+        begin = PAIRS.index(pair) * RANGES
+        residuals[begin + since : begin + until], own[begin + since : begin + until] = 1.0, 0.0
     graph: Any = SimpleNamespace(
         parameters=Parameters(),
-        measurements=_Measurements(i, j),
+        measurements=_Measurements(i, j, np.tile(np.arange(float(RANGES)), len(PAIRS))),
         users=range(4),
+        active_users=[0, 1, 2, 3],
         reference=0,
         sigma=np.full(len(i), 0.1),
         residuals=lambda _: residuals,
     )
-    return set(_contradicted(graph, None, whole=True))  # type: ignore[arg-type] # residuals are given
+    em_weights: Any = SimpleNamespace(own_probability=own)
+    return set(_contradicted(graph, None, em_weights, whole=True))  # type: ignore[arg-type] # residuals are given
 
 
 class _Measurements:
-    def __init__(self, i: Indices, j: Indices) -> None:
-        self.i, self.j = i, j
+    def __init__(self, i: Indices, j: Indices, t: Array) -> None:
+        self.i, self.j, self.t = i, j, t
 
     def __len__(self) -> int:
         return len(self.i)
@@ -56,3 +65,35 @@ def test_a_radio_that_is_short_for_a_while_is_alone_and_exchanged_ones_are_two(
     short: dict[tuple[int, int], int], who: set[int]
 ) -> None:
     assert contradicted(short) == who
+
+
+def of_one(since: int, until: int) -> Stretches:
+    """All ranges of the second user."""
+    return {(0, 1): (since, until), (1, 2): (since, until), (1, 3): (since, until)}
+
+
+def test_foreign_ranges_that_are_over_contradict_nobody() -> None:
+    assert contradicted({}, of_one(20, 60)) == set()
+    exchanged = {(0, 1): (30, 70), (0, 2): (30, 70), (1, 3): (30, 70), (2, 3): (30, 70)}
+    assert contradicted({}, exchanged) == set()
+
+
+def test_who_is_foreign_still_is_not_where_it_seems() -> None:
+    assert contradicted({}, of_one(60, 100)) == {1}
+    assert contradicted({}, of_one(54, 94)) == {1}
+
+
+def test_who_is_foreign_for_most_of_the_time_is_not_where_it_seems() -> None:
+    assert contradicted({}, of_one(10, 65)) == {1}
+
+
+def test_who_is_foreign_now_and_then_is_not_where_it_seems() -> None:
+    assert contradicted({}, of_one(10, 20) | {(1, 3): (60, 80)}) == {1}
+
+
+def test_ranges_that_are_too_short_beside_foreign_ones_count() -> None:
+    assert contradicted({(0, 1): 20, (1, 2): 20}, {(1, 3): (20, 60)}) == {1}
+
+
+def test_nobody_is_known_where_most_ranges_may_be_foreign() -> None:
+    assert contradicted({}, dict.fromkeys(PAIRS[:-1], (20, 70))) == {0, 1, 2, 3}
