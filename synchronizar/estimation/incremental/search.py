@@ -32,7 +32,9 @@ _MOST_CANDIDATES = 4
 @one_blas_thread()
 def search(snapshot: Snapshot) -> Found | None:
     """What the ranges of a stretch tell of the users in it; None where there are too few."""
-    problem = Problem.of(snapshot.recording, snapshot.gauge, snapshot.parameters)
+    # While people walk contradictions tell: foreign ranges that are not over yet would pass for everybody's own.
+    parameters = snapshot.parameters.changed(ranges={"foreign_share": 0.0})
+    problem = Problem.of(snapshot.recording, snapshot.gauge, parameters)
     if len(problem.measurements) < FEWEST_RANGES:
         return None
     repaired = {name: _repaired(snapshot, name) for name in snapshot.recording.tracks}
