@@ -198,9 +198,8 @@ double RigidSolver::cost(const Frames& frames, const Column& nlos_odds, double m
 
 std::pair<Column, double> RigidSolver::e_step(const Frames& frames, const Bursts& bursts) const {
   const Column whitened = residuals(frames).cwiseQuotient(ranges_.sigma);
-  PairsBurstOdds found =
-      burst_nlos_odds(ranges_.first, ranges_.t, whitened, ranges_.sigma, ranges_.nlos_odds, loss_, bursts,
-                      &ranges_.measured);
+  PairsBurstOdds found = burst_nlos_odds(ranges_.first, ranges_.t, whitened, ranges_.sigma, ranges_.nlos_odds,
+                                         loss_, bursts, &ranges_.measured);
   return {std::move(found.nlos_odds), found.cost.sum() + prior_cost(frames)};
 }
 
