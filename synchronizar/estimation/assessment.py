@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -82,7 +82,9 @@ def assess(
     cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
     whole = bool(np.isinf(duration))
     risen = _risen(graph, states) if whole else {}  # while people walk, ranges tell of it as they come
-    contradicted = cut | risen | _contradicted(graph, states, best.em_weights, whole) | _no_odometry(graph, drift)
+    contradicted = (
+        cut | risen | _contradicted(graph, states, best.em_weights, whole, list(cut)) | _no_odometry(graph, drift)
+    )
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted, whole)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
@@ -154,21 +156,26 @@ def _extent_about_last(graph: PoseGraph, states: States, duration: float) -> Arr
     return np.asarray(scale * (extent_points(graph.problem.recording, duration) - last[:, None]))
 
 
-def _contradicted(graph: PoseGraph, states: States, em_weights: EmWeights, whole: bool) -> dict[int, str]:
+def _contradicted(
+    graph: PoseGraph, states: States, em_weights: EmWeights, whole: bool, cut: Sequence[int] = ()
+) -> dict[int, str]:
     """The users who are not where they seem, and why: their ranges are too short, which nothing makes them.
 
     Who has most of these goes first, and its ranges count no more for the others. One radio that tells wrong distances
     for a while has many, and the others then none; where nobody has many, but two have some, as where radios were
     exchanged, fewer do in a `whole` recording: while people walk, ranges tell of it as they come. Foreign ranges count
     alike, but for those of one time that is over, and shorter than the rest. Where most may be foreign nobody is known.
+    Foreign ranges of those who are `cut` off already count for nobody: they were moved, and their ranges tell of it.
     """
     limits, s = graph.parameters.integrity, graph.measurements
     least = limits.largest_short_of_two if whole else limits.largest_short
     short = graph.residuals(states) > limits.innovation_sigmas * graph.sigma
     foreign = em_weights.own_probability < 0.5
+    left = ~(foreign & (np.isin(s.i, cut) | np.isin(s.j, cut)))
+    foreign &= left
     if foreign.sum() > limits.largest_foreign_of_all * len(foreign):
         return dict.fromkeys(graph.active_users, f"{foreign.mean():.0%} of all ranges seem to be of other devices")
-    left, shares, k = np.ones(len(s), dtype=bool), list[tuple[int, float]](), len(graph.users)
+    shares, k = list[tuple[int, float]](), len(graph.users)
     while len(shares) < k:
         share = np.zeros(k)
         for u in graph.active_users:

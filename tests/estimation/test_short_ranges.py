@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +19,9 @@ RANGES = 100  # of each pair
 Stretches = dict[tuple[int, int], tuple[int, int]]
 
 
-def contradicted(short: dict[tuple[int, int], int], foreign: Stretches | None = None) -> set[int]:
+def contradicted(
+    short: dict[tuple[int, int], int], foreign: Stretches | None = None, cut: Sequence[int] = ()
+) -> set[int]:
     """Of four users, the first of whom is the reference, by how many of each pair's ranges are a metre too short.
 
     Between those numbers of its ranges each pair's are `foreign`, and too short.
@@ -41,7 +44,7 @@ def contradicted(short: dict[tuple[int, int], int], foreign: Stretches | None = 
         residuals=lambda _: residuals,
     )
     em_weights: Any = SimpleNamespace(own_probability=own)
-    return set(_contradicted(graph, None, em_weights, whole=True))  # type: ignore[arg-type] # residuals are given
+    return set(_contradicted(graph, None, em_weights, True, cut))  # type: ignore[arg-type] # residuals are given
 
 
 class _Measurements:
@@ -81,6 +84,12 @@ def test_foreign_ranges_that_are_over_contradict_nobody() -> None:
 def test_who_is_foreign_still_is_not_where_it_seems() -> None:
     assert contradicted({}, of_one(60, 100)) == {1}
     assert contradicted({}, of_one(54, 94)) == {1}
+
+
+def test_who_is_cut_off_does_not_contradict_those_who_are_not() -> None:
+    moved = {(0, 2): (60, 100), (0, 3): (60, 100), (1, 2): (60, 100), (1, 3): (60, 100)}
+    assert len(contradicted({}, moved)) == 2
+    assert contradicted({}, moved, cut=[2, 3]) == set()
 
 
 def test_who_is_foreign_for_most_of_the_time_is_not_where_it_seems() -> None:
