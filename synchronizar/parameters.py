@@ -328,6 +328,8 @@ class IntegrityParameters:
     largest_foreign: float = 0.5
     """Nobody is registered whose foreign ranges, and all between them, are a larger share of its ranges: which part is
     its own is then not known. ..."""
+    largest_foreign_of_others: float = 0.75
+    """The same where its foreign ranges are of somebody who is not where it seems: it may be the other one who is."""
     largest_foreign_of_all: float = 0.4
     """... Nobody is where a larger share of all ranges is foreign: a third is where two of four are exchanged for half
     the time."""

@@ -195,6 +195,12 @@ def _contradicted(
         shares = [(u, share) for u, share in shares if share > limits.largest_short]
     elif len(shares) < 2:
         return {}
+    blamed = [u for u, _ in shares]
+    for u in graph.active_users if blamed else ():  # who disagrees with them throughout may be wrong itself
+        own = np.flatnonzero((s.i == u) | (s.j == u))
+        of = foreign[own[np.argsort(s.t[own], kind="stable")]]
+        if u not in blamed and _extent(of) > limits.largest_foreign_of_others and of.mean() > limits.largest_short:
+            shares.append((u, float(of.mean())))
     of_others = "" if not foreign.any() else ", or those of other devices"
     reason = "{:.0%} of its ranges are too short by more than noise" + of_others + ": it is not where its track has it"
     return {u: reason.format(share) for u, share in shares}
@@ -202,10 +208,13 @@ def _contradicted(
 
 def _is_over(foreign: Mask, largest: float) -> bool:
     """Whether ranges (n,) in the order of time were foreign once, for a share of `largest` at most, and fit since."""
+    return not foreign.any() or (_extent(foreign) < largest and not bool(foreign[-_FEWEST_RANGES:].any()))
+
+
+def _extent(foreign: Mask) -> float:
+    """The share of ranges (n,) in the order of time that lies between the first foreign one and the last."""
     at = np.flatnonzero(foreign)
-    if not len(at):
-        return True
-    return bool(at[-1] - at[0] < largest * len(foreign) and len(foreign) - 1 - at[-1] >= _FEWEST_RANGES)
+    return float(at[-1] - at[0]) / len(foreign) if len(at) else 0.0
 
 
 def _no_odometry(graph: PoseGraph, drift: Array | None) -> dict[int, str]:

@@ -104,5 +104,13 @@ def test_ranges_that_are_too_short_beside_foreign_ones_count() -> None:
     assert contradicted({(0, 1): 20, (1, 2): 20}, {(1, 3): (20, 60)}) == {1}
 
 
+def test_who_disagrees_throughout_with_who_is_not_where_it_seems_may_be_wrong_itself() -> None:
+    one, other = [(0, 1), (2, 3)], [(0, 2), (1, 3)]
+    throughout = dict.fromkeys(one, (0, 15)) | dict.fromkeys(other, (85, 100))
+    assert contradicted({}, throughout) == {0, 1, 2, 3}
+    for_a_while = dict.fromkeys(one, (50, 65)) | dict.fromkeys(other, (85, 100))
+    assert len(contradicted({}, for_a_while)) == 2
+
+
 def test_nobody_is_known_where_most_ranges_may_be_foreign() -> None:
     assert contradicted({}, dict.fromkeys(PAIRS[:-1], (20, 70))) == {0, 1, 2, 3}
