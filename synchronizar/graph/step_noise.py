@@ -9,13 +9,10 @@ an optimum; own factors are found by expectation maximisation.
 
 Several common factors explain the ranges, and none is chosen: the graph is solved with the one under which the ranges
 determine as many errors of steps as they do on average (MacKay, Neural Computation 4, 1992), so nothing flips.
-Covariances are told with the mean square of the factors that the slab alone makes likely, for all SLAM drifts a little:
-the spike is there for the estimate, which gains by it where nothing is wrong. Where that is less than the usual one
-they have a standard deviation of it more, up to that: a factor that is hardly known gives errors with tails.
-
-Shumway and Stoffer (J. Time Series Analysis 3, 1982): the expected square of a step's error is the square at the most
-likely states plus its posterior variance. Steps are Gaussian here, and slips are left out; with the graph's weights of
-Student's t, ordinary steps would get too small a noise.
+Covariances are told with the mean square of the factors, since the spike is there for the estimate alone: it gains
+where nothing is wrong, but SLAM that ranges do not see drift hardly ever does not. So for telling there is no spike,
+and small factors f are less likely by f than the slab has them. Where the mean square is less than the usual one a
+standard deviation of it is added, up to that: a factor that is hardly known gives errors with tails.
 """
 
 from __future__ import annotations
@@ -76,7 +73,7 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, drift: A
     at = float(np.interp(weight @ determined / weight.sum(), determined, np.arange(len(weight))))
     low = max(min(int(at), len(weight) - 2), 0)
     used[walks.users] = factors[low] ** (low + 1 - at) * factors[min(low + 1, len(weight) - 1)] ** (at - low)
-    slab = prior[likely] * likelihood
+    slab = (prior * tried / np.sqrt(1.0 + tried**2))[likely] * likelihood
     slab /= slab.sum()
     squared = np.tensordot(slab, factors**2, axes=1)
     spread = np.sqrt(np.tensordot(slab, (factors**2 - squared) ** 2, axes=1))
