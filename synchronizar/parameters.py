@@ -102,7 +102,7 @@ class SlamParameters:
     """Degrees of freedom of Student's t, as which steps are distributed: trackers slip now and then."""
     drift_least: float = 0.022
     """Factor on these figures that stands for SLAM that does not drift."""
-    driftless_share: float = 0.5
+    driftless_share: float = 0.3
     """Probability of that, before any range is known."""
     drift_weight: float = 20.0
     """Steps that the drift of all users together is worth where that of a device's own SLAM is estimated."""
