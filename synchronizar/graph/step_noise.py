@@ -13,6 +13,10 @@ Covariances are told with the mean square of the factors, since the spike is the
 where nothing is wrong, but SLAM that ranges do not see drift hardly ever does not. So for telling there is no spike,
 and small factors f are less likely by f than the slab has them. Where the mean square is less than the usual one a
 standard deviation of it is added, up to that: a factor that is hardly known gives errors with tails.
+
+Shumway and Stoffer (J. Time Series Analysis 3, 1982): the expected square of a step's error is the square at the most
+likely states plus its posterior variance. Steps are Gaussian here, and slips are left out; with the graph's weights of
+Student's t, ordinary steps would get too small a noise.
 """
 
 from __future__ import annotations
