@@ -104,6 +104,9 @@ class SlamParameters:
     """Factor on these figures that stands for SLAM that does not drift."""
     driftless_share: float = 0.3
     """Probability of that, before any range is known."""
+    drift_seen_least: float = 0.35
+    """Factor by which SLAM is taken to drift at least while optima are compared: walks that hardly bend hold devices
+    at heights where they are not."""
     drift_weight: float = 20.0
     """Steps that the drift of all users together is worth where that of a device's own SLAM is estimated."""
     drift_seen_weight: float = 8.0
@@ -237,8 +240,6 @@ class SearchParameters:
     ranges wide drift explains less than a tenth of them."""
     drift_lost: float = 0.6
     """Where a larger share of ranges seems NLOS, everything may be elsewhere, and bending walks says nothing."""
-    drift_compared: float = 0.35
-    """Factor on usual drift from which on it is compared with wide drift, though it may be less."""
     drift_cost: float = 5.0
     """Log likelihood: so much more must speak for such SLAM than for NLOS ranges; one device in a hundred has it."""
     parts: int = 24

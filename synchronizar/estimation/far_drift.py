@@ -65,8 +65,7 @@ def searched(
         return usual
     wide = _searched_far(problem, repaired_tracks, begun)
     progress(1.0)
-    noise = step_noise(usual.best.graph, usual.best.states, usual.best.em_weights).used
-    noise = np.maximum(noise, parameters.search.drift_compared)  # that SLAM drifts less says nothing for the wide one
+    noise = step_noise(usual.best.graph, usual.best.states, usual.best.em_weights).sought
     before = _with_drift(usual.best, noise, problem, repaired_tracks)
     noises = noise, far_noise(wide.best, problem, repaired_tracks)
     after = _with_drift(wide.best, noises[1], problem, repaired_tracks)

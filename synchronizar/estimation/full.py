@@ -34,7 +34,7 @@ from synchronizar.estimation.local_optima import (
 )
 from synchronizar.estimation.segments import keyframes_of_all
 from synchronizar.estimation.slips import slips
-from synchronizar.geometry import apply_frames, wrap_angle
+from synchronizar.geometry import apply_frames, difference, wrap_angle
 from synchronizar.graph.calibration_priors import with_measured_priors
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
@@ -56,8 +56,8 @@ class Solved(NamedTuple):
 
     minima: list[LocalOptimum]
     """The local optima that explain the ranges, best first."""
-    noise: Array
-    """(k, 2) factors on the drift of `parameters.slam` for each user, in position and heading: `step_noise.told`."""
+    noise: StepNoise
+    """Of each user's steps."""
     searched: float
     """s, perf_counter at the end of the search."""
 
@@ -70,17 +70,33 @@ def register_full(recording: Recording, reference: int, parameters: Parameters, 
     repaired_tracks = {name: repair_relocalizations(track, parameters) for name, track in recording.tracks.items()}
     repaired = replace(recording, tracks={name: of_user.track for name, of_user in repaired_tracks.items()})
     problem = Problem.of(repaired, reference, parameters)
-    optima, noise, searched = solve(problem, repaired_tracks, stage(progress, 0.0, 0.9))
-    assessed = assess_calibrated(optima, noise)
-    own = _own_frames(recording, repaired_tracks, optima[0], raised)
+    optima, (used, _, told), searched = solve(problem, repaired_tracks, stage(progress, 0.0, 0.9))
+    assessed = _as_it_drifts(assess_calibrated(optima, told), problem, repaired_tracks, used)
+    own = _own_frames(recording, repaired_tracks, assessed.optimum, raised)
     registration = registration_of(assessed, own, len(recording.ranges), {})
     users = {
-        user.name: _with_slam(registration.users[user.name], u, repaired_tracks[user.name], assessed, own, noise[u])
+        user.name: _with_slam(registration.users[user.name], u, repaired_tracks[user.name], assessed, own, told[u])
         for u, user in enumerate(recording.users)
         if not user.static
     }
     seconds = {"load": 0.0, "initialise": searched - began, "solve": perf_counter() - searched}
     return replace(registration, users={**registration.users, **users}, seconds=seconds)
+
+
+def _as_it_drifts(assessed: Assessment, problem: Problem, tracks: dict[str, RepairedTrack], used: Array) -> Assessment:
+    """The same with everybody where SLAM that drifts by these factors (k, 2) has them, and known as before.
+
+    Where it drifts less than while optima were compared, walks bend less. Unless that leads to another placement: which
+    one is right was decided before.
+    """
+    best = assessed.optimum
+    keyframes = keyframes_of_all(problem, tracks, problem.parameters.slam.keyframe_interval, used, _units(best))
+    near = best.graph.with_keyframes(keyframes).run_em(best.states, best.em_weights, _ROUNDS)
+    shift = difference(near.frames, best.frames)
+    if (np.linalg.norm(shift[best.graph.active_users, :3], axis=1) > problem.parameters.integrity.largest_error).any():
+        return assessed
+    moved = [of_all._replace(frames=of_all.frames + shift) for of_all in assessed.hypotheses]
+    return assessed._replace(optimum=best._replace(states=near.states), hypotheses=moved)
 
 
 def _own_frames(
@@ -165,8 +181,8 @@ def solve(
 
 def _refined(
     problem: Problem, repaired_tracks: dict[str, RepairedTrack], search: Searched, heights: Sequence[Array], whole: bool
-) -> tuple[list[LocalOptimum], Array]:
-    """The first optimum at fine keyframes, the others that explain the ranges, and the step noise (k, 2).
+) -> tuple[list[LocalOptimum], StepNoise]:
+    """The first optimum at fine keyframes, the others that explain the ranges, and the noise of steps.
 
     All of them with priors of calibrations as wide as the ranges make likely (`calibration_priors`), and with the step
     noise that they show of each device (`step_noise`). `heights` (k,) m were found before.
@@ -184,18 +200,18 @@ def _refined(
         best = graph.run_em(best.states, best.em_weights, _ROUNDS)
         if search.far is not None:
             far = far_noise(best, problem, repaired_tracks)
-            noise = StepNoise(far, far)
+            noise = StepNoise(far, far, far)
         else:
             noise = measured_noise(
                 best, keyframes_of_all(problem, repaired_tracks, finest, None, unit) if whole else None
             )
-        coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.used, unit)
+        coarse = keyframes_of_all(problem, repaired_tracks, interval, noise.sought, unit)
         best, others = _likeliest_held(best._replace(graph=best.graph.with_keyframes(coarse)))
         if not again or np.array_equal(best.held_as_usual, usual):
             break
         # What other heights explain passed for drift, biases and noise: all of that is measured once more.
         best = with_measured_weights(best._replace(graph=best.graph.with_keyframes(begun_with)))
-    fine = keyframes_of_all(problem, repaired_tracks, finest, noise.used, unit)
+    fine = keyframes_of_all(problem, repaired_tracks, finest, noise.sought, unit)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
     others += other_heights(best, heights)
     if nlos_share(best) > problem.parameters.search.doubtful_share:
@@ -212,7 +228,7 @@ def _refined(
     told = keyframes_of_all(problem, repaired_tracks, interval, noise.told, unit)
     minima = [s._replace(graph=s.graph.with_keyframes(told)) for s in others]
     told = keyframes_of_all(problem, repaired_tracks, finest, noise.told, unit)
-    return [best._replace(graph=best.graph.with_keyframes(told)), *minima], noise.told
+    return [best._replace(graph=best.graph.with_keyframes(told)), *minima], noise
 
 
 def _units(optimum: LocalOptimum) -> Array:

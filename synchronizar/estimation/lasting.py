@@ -39,7 +39,7 @@ def measured_noise(optimum: LocalOptimum, fine: list[Keyframes] | None) -> StepN
     """
     graph, usual = optimum.graph, np.ones((len(optimum.graph.users), 2))
     if not len(graph.measurements):
-        return StepNoise(usual, usual)
+        return StepNoise(usual, usual, usual)
     noise, drift, there = _settled(optimum, usual)
     if fine is None or there.graph.correlation(there.states, there.em_weights).neighbours == 0.0:
         return noise

@@ -47,7 +47,9 @@ class StepNoise(NamedTuple):
     """Factors (k, 2) on each user's step sigmas in position and heading, relative to `parameters.slam`."""
 
     used: Array
-    """With which the graph is solved."""
+    """With which the graph is solved in the end."""
+    sought: Array
+    """With which it is sought which optimum is the right one: were there no SLAM that does not drift."""
     told: Array
     """With which it is told how sure that is: as all factors that explain the ranges have it."""
 
@@ -59,30 +61,37 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, drift: A
     """
     k, slam = len(graph.users), graph.parameters.slam
     drift = np.ones((k, 2)) if drift is None else drift
-    used, told = np.ones((k, 2)), np.ones((k, 2))
+    used, sought, told = np.ones((3, k, 2))
     if not len(graph.measurements):
-        return StepNoise(used, told)
+        return StepNoise(used, sought, told)
     walks = graph.walks
     tried = slam.drift_least * _STEP ** np.arange(np.log(_LARGEST / slam.drift_least) / np.log(_STEP) + 1.0)
     of_users, evidence, determined = _about(graph, states, em_weights, drift, tried, 1.0, slam.drift_weight, _ROUNDS)
     likely = np.isfinite(determined)
     if not (determined[likely] > 0.0).any():
-        return StepNoise(used, told)
+        return StepNoise(used, sought, told)
     factors, evidence, determined = np.array(of_users)[likely], evidence[likely], determined[likely]
     prior = tried / (1.0 + tried**2) ** 2
     prior /= prior.sum()
     spike = slam.driftless_share * (np.arange(len(tried)) == 0)
     likelihood = np.exp(evidence - evidence.max())
     weight = (spike + (1.0 - slam.driftless_share) * prior)[likely] * likelihood
-    at = float(np.interp(weight @ determined / weight.sum(), determined, np.arange(len(weight))))
-    low = max(min(int(at), len(weight) - 2), 0)
-    used[walks.users] = factors[low] ** (low + 1 - at) * factors[min(low + 1, len(weight) - 1)] ** (at - low)
+    used[walks.users] = _matching(weight, determined, factors)
+    seen = (prior * (tried > slam.drift_seen_least))[likely] * likelihood
+    sought[walks.users] = _matching(seen, determined, factors) if seen.any() else slam.drift_seen_least
     slab = (prior * tried / np.sqrt(1.0 + tried**2))[likely] * likelihood
     slab /= slab.sum()
     squared = np.tensordot(slab, factors**2, axes=1)
     spread = np.sqrt(np.tensordot(slab, (factors**2 - squared) ** 2, axes=1))
     told[walks.users] = np.sqrt(np.minimum(squared + spread, np.maximum(squared, 1.0)))
-    return StepNoise(used, np.maximum(used, told))
+    return StepNoise(used, sought, np.maximum(used, told))
+
+
+def _matching(weight: Array, determined: Array, factors: Array) -> Array:
+    """(m, 2) the factors under which as many errors are determined as on average over all (f, m, 2), by `weight`."""
+    at = float(np.interp(weight @ determined / weight.sum(), determined, np.arange(len(weight))))
+    low = max(min(int(at), len(weight) - 2), 0)
+    return np.asarray(factors[low] ** (low + 1 - at) * factors[min(low + 1, len(weight) - 1)] ** (at - low))
 
 
 def with_drift(keyframes: list[Keyframes], factors: Array) -> list[Keyframes]:

@@ -38,9 +38,9 @@ def search(snapshot: Snapshot) -> Found | None:
     if len(problem.measurements) < FEWEST_RANGES:
         return None
     repaired = {name: _repaired(snapshot, name) for name in snapshot.recording.tracks}
-    minima, noise, _ = solve(problem, repaired, begun=_starts(snapshot, problem.active_users), whole=False)
+    minima, (_, _, told), _ = solve(problem, repaired, begun=_starts(snapshot, problem.active_users), whole=False)
     minima = [optimum for optimum in minima if _agrees(optimum, snapshot)] or minima
-    assessed = assess_calibrated(minima, noise, snapshot.registered, snapshot.parameters.incremental.judged_walk)
+    assessed = assess_calibrated(minima, told, snapshot.registered, snapshot.parameters.incremental.judged_walk)
     users = {u: _found(snapshot, assessed, u) for u in problem.active_users}
     best = minima[0]
     measurements = best.graph.measurements
@@ -52,7 +52,7 @@ def search(snapshot: Snapshot) -> Found | None:
         users,
         [(hypothesis.cost, hypothesis.frames) for hypothesis in assessed.hypotheses],
         tuple(_candidate(optimum, snapshot.clocks) for optimum in minima[:_MOST_CANDIDATES]),
-        noise,
+        told,
         FoundRanges(
             snapshot.serial[measurements.row],
             assessed.inlier_probability,
