@@ -6,6 +6,7 @@ The search takes SLAM for rigid, which holds for minutes, not for hours.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -70,12 +71,15 @@ def search_and_grow(
     """
     parameters = problem.parameters
     begin, end = _first_segment(problem)
+    grown = bool(np.isfinite(begin))
+    # A wrong placement in the first segment would hold where all that comes later may pass for foreign.
+    own = replace(problem, parameters=parameters.changed(ranges={"foreign_share": 0.0})) if grown else problem
     found: list[LocalOptimum] = []
     others: list[Array] = []
     known: list[int] = []
     while True:
         inside = _within(problem.measurements, begin, end)
-        part = problem.part(inside)
+        part = own.part(inside)
         graph, whole = PoseGraph(part, keyframes), part.active_users == problem.active_users and inside.all()
         if not found:
             first = stage(progress, 0.0, 1.0 if whole else 0.3)
@@ -92,11 +96,12 @@ def search_and_grow(
             break
         length = end - begin
         begin, end = begin - 0.5 * length, end + 0.5 * length
-    if np.isfinite(begin):
+    if grown:
         # Other optima of the first segment are optimised on the whole recording too.
         best, states = found[0], found[0].states
         elsewhere = [np.where(np.isnan(frames), states.anchor_poses, frames) for frames in others]
         found += [approach(best.graph, states._replace(anchor_poses=frames), 1.0) for frames in elsewhere]
+        found = [approach(PoseGraph(problem, keyframes), s.states, 1.0) for s in found]
     return sorted(found, key=by_cost)
 
 
