@@ -148,9 +148,7 @@ def _with_bends(graph: PoseGraph, states: States, em_weights: EmWeights, heights
         if sigma < limit / _UNDOUBTED:
             continue
         if here is None:
-            # States that were sought with other step noise than this graph's are not at its best yet.
-            near = graph.optimised(states, states.anchor_poses, em_weights, 1.0, _PINNED_STEPS, _PINNED_GAIN)
-            here = graph.e_step(near, em_weights)[1]
+            here = graph.e_step(states, em_weights)[1]
         step = min(2.0 * sigma, limit)
         follow = (heights @ out) @ row / sigma**2
         above, below = (_cost_at(graph, states, em_weights, n, side * step * follow) - here for side in (1.0, -1.0))
