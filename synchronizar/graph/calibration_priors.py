@@ -3,7 +3,9 @@
 Most devices are right and some are far off, and a prior wide enough for these costs accuracy where nothing is wrong. So
 the priors' width is unknown: a factor on the sigmas of all log scales, one on those of biases, one on those of clock
 offsets. All are 0 with probability `devices.flawless_share`; else each is 0 with probability `devices.faultless_share`,
-or else half Cauchy about 1 (a spike and a slab). The slab ends where, with even odds, the mean square of a factor is 1.
+or else half of Student's t with three degrees of freedom (a spike and a slab). With even odds the mean square of a
+factor is 1. The slab reaches far, since antenna delays that nobody has set make every range some decimetres too long;
+what reaches far is improbable, so that ranges which hardly tell a bias from a scale do not widen it.
 
 Near an optimum the likelihood of all calibrations is Gaussian, so the evidence (marginal likelihood) of each
 combination of factors is known in closed form, and so is how many calibrations the ranges determine (MacKay, Neural
@@ -24,9 +26,9 @@ from synchronizar.graph.marginals import mean_curvature
 from synchronizar.graph.pose_graph import CalibrationPriors, EmWeights, PoseGraph, calibration_sigmas
 from synchronizar.graph.states import States
 
-_SLAB = 2.0 ** np.arange(-3.5, 2.0)
+_SLAB = 2.0 ** np.arange(-2.5, 4.0)
 _FACTORS = np.concatenate([[0.0], _SLAB])
-_TRIED = np.geomspace(0.01, _SLAB[-1], 16)
+_TRIED = np.geomspace(0.01, _SLAB[-1], 20)
 _SWEEPS = 3
 _WIDE = 30.0  # sigmas of the prior that stands in for none
 _LEAST_VARIANCE = 1e-12  # of the largest
@@ -90,7 +92,7 @@ def measured_priors(
     k = len(likelihood.vector) // 3
     root = _root(usual.own, usual.common, k)
     at = likelihood.times(root)
-    prior = np.concatenate([[faultless], (1.0 - faultless) * _half_cauchy(_SLAB)])
+    prior = np.concatenate([[faultless], (1.0 - faultless) * _half_student(_SLAB)])
     grid = np.stack(np.meshgrid(_FACTORS, _FACTORS, _FACTORS, indexing="ij"), axis=-1).reshape(-1, 3)
     weight = np.stack(np.meshgrid(prior, prior, prior, indexing="ij"), axis=-1).reshape(-1, 3).prod(axis=1)
     weight = (1.0 - flawless) * weight
@@ -188,7 +190,7 @@ def _symmetric(matrix: Array) -> Array:
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
-def _half_cauchy(factors: Array) -> Array:
-    """Probabilities of factors that are evenly spaced in their logarithm."""
-    density = factors / (1.0 + factors**2)
+def _half_student(factors: Array) -> Array:
+    """Probabilities of factors that are evenly spaced in their logarithm; their mean square is 2."""
+    density = factors / (1.0 + 0.5 * factors**2) ** 2
     return np.asarray(density / density.sum())

@@ -54,7 +54,7 @@ def test_one_width_determines_as_much_as_all_widths_do_on_average() -> None:
         prior, noise = np.hypot(OWN[BIAS], COMMON[BIAS]), 0.7 * OWN[BIAS]
         average = total = 0.0
         for factor in priors._FACTORS:
-            share = SHARE if factor == 0.0 else (1.0 - SHARE) * factor / (1.0 + factor**2) / slab_sum()
+            share = SHARE if factor == 0.0 else (1.0 - SHARE) * slab_of(factor)
             variance = (factor * prior) ** 2 + noise**2
             likelihood = share * np.exp(-0.5 * value**2 / variance) / np.sqrt(variance)
             total += likelihood
@@ -70,8 +70,7 @@ def test_the_covariance_is_told_by_the_mixture_of_all_widths() -> None:
     likelihood = told(np.array([[0.0, 0.03, 0.0], [0.0, 0.01, 0.0]]), np.array([1e9, 0.8, 1e9]))
     found = measured_priors(likelihood, USUAL, SHARE, 0.0)
     n = 400_000
-    slab = priors._SLAB / (1.0 + priors._SLAB**2)
-    share = np.concatenate([[SHARE], (1.0 - SHARE) * slab / slab.sum()])
+    share = np.concatenate([[SHARE], (1.0 - SHARE) * slab_of(priors._SLAB)])
     width = random.choice(priors._FACTORS, n, p=share)[:, None]
     bias = width * (OWN[BIAS] * random.standard_normal((n, 2)) + COMMON[BIAS] * random.standard_normal((n, 1)))
     which = [BIAS, 3 + BIAS]
@@ -125,12 +124,14 @@ def test_covariances_are_no_larger_than_under_the_usual_priors() -> None:
     assert np.linalg.eigvalsh(most - far.to_told @ standing_in @ far.to_told.T).min() > -1e-4 * most.max()
 
 
-def slab_sum() -> float:
-    return float((priors._SLAB / (1.0 + priors._SLAB**2)).sum())
+def slab_of(factor: Array) -> Array:
+    """Half of Student's t with three degrees of freedom, by the factor's logarithm."""
+    density = [f / (1.0 + 0.5 * f**2) ** 2 for f in (factor, priors._SLAB)]
+    return np.asarray(density[0] / density[1].sum())
 
 
 def test_who_tells_nothing_has_the_usual_priors() -> None:
-    square = (1.0 - SHARE) * (priors._SLAB**3 / (1.0 + priors._SLAB**2)).sum() / slab_sum()
+    square = (1.0 - SHARE) * (priors._SLAB**2 @ slab_of(priors._SLAB))
     assert square == pytest.approx(1.0, abs=0.05)
     np.testing.assert_array_equal(factors(told(np.zeros((3, 3)), 1e9)), 1.0)
     np.testing.assert_allclose(factors(told(np.zeros((3, 3)), 100.0)), 1.0, atol=0.05)
@@ -160,6 +161,12 @@ def test_what_all_share_widens_the_prior_too() -> None:
     assert factors(told(values, 0.2))[BIAS] > 0.8
 
 
+def test_radios_whose_delays_nobody_has_set_are_many_usual_sigmas_off() -> None:
+    values = np.zeros((4, 3))
+    values[:, BIAS] = [0.2, 0.25, 0.2, 0.5]
+    assert factors(told(values, 0.2))[BIAS] > 3.0
+
+
 def test_factors_grow_smoothly_with_what_is_found() -> None:
     random = np.random.default_rng(1).standard_normal((3, 3))
     found = np.array([factors(told(times * OWN * random, 0.3)) for times in np.linspace(0.0, 2.0, 41)])
@@ -178,7 +185,7 @@ def test_what_may_be_flawless_as_a_whole_is_taken_for_right_sooner_and_else_as_b
     none = FLAWLESS + (1.0 - FLAWLESS) * SHARE
     average = total = 0.0
     for factor in priors._FACTORS:
-        share = none if factor == 0.0 else (1.0 - none) * factor / (1.0 + factor**2) / slab_sum()
+        share = none if factor == 0.0 else (1.0 - none) * slab_of(factor)
         variance = (factor * prior) ** 2 + noise**2
         weight = share * np.exp(-0.5 * value**2 / variance) / np.sqrt(variance)
         total += weight
