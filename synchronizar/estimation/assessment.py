@@ -86,6 +86,7 @@ def assess(
         cut | risen | _contradicted(graph, states, best.em_weights, whole, list(cut)) | _no_odometry(graph, drift)
     )
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted, whole)
+    judged = _beside_far_reference(judged, graph, drift)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
             judged[u] = with_survey(verdict, states.anchor_poses[u, :3] - graph.problem.survey[u], graph, u)
@@ -227,6 +228,21 @@ def _no_odometry(graph: PoseGraph, drift: Array | None) -> dict[int, str]:
     reason = "its ranges fit its track only if that drifts by {:.2f} m and {:.2f} rad in a second: it is not its track"
     far = (metres > limits.largest_drift_m) | (radians > limits.largest_drift_rad)
     return {u: reason.format(metres[u], radians[u]) for u in np.flatnonzero(far).tolist() if u in graph.active_users}
+
+
+def _beside_far_reference(judged: list[Verdict | None], graph: PoseGraph, drift: Array | None) -> list[Verdict | None]:
+    """The verdicts; of a reference whose track needs wide drift, and beside which nobody is registered, another one."""
+    others = [verdict for u, verdict in enumerate(judged) if u != graph.reference and verdict is not None]
+    own = judged[graph.reference]
+    if drift is None or own is None or any(verdict.state is State.REGISTERED for verdict in others):
+        return judged
+    times = float(drift[graph.reference].max())
+    if times > graph.parameters.search.drift_wide:
+        reason = (
+            f"nobody is placed beside it, and its ranges fit its track only if that drifts {times:.0f} times as far"
+        )
+        own = own._replace(state=State.UNOBSERVABLE, reason=reason + " as SLAM does")
+    return [own if u == graph.reference else verdict for u, verdict in enumerate(judged)]
 
 
 def _risen(graph: PoseGraph, states: States) -> dict[int, str]:
