@@ -71,4 +71,5 @@ def test_the_line_is_the_best_that_no_datagram_lies_below(points: list[tuple[int
         bounds=[(None, None), (-MAX_SKEW, MAX_SKEW)],
         method="highs",
     )
-    assert delay.sum() == pytest.approx((arrived - x).sum() + best.fun, abs=1e-6)
+    # The program keeps each row to 1e-7 alone, so its sum may be that much too small for each of them.
+    assert delay.sum() == pytest.approx((arrived - x).sum() + best.fun, abs=1e-6 + 1e-7 * len(x))
