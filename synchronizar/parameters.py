@@ -104,9 +104,9 @@ class SlamParameters:
     """Factor on these figures that stands for SLAM that does not drift."""
     driftless_share: float = 0.3
     """Probability of that, before any range is known."""
-    drift_seen_least: float = 0.35
-    """Factor by which SLAM is taken to drift at least while optima are compared: walks that hardly bend hold devices
-    at heights where they are not."""
+    drift_sought_least: float = 0.35
+    """Factor by which SLAM is taken to drift at least while optima are sought and compared. Walks that hardly bend hold
+    devices at wrong heights."""
     drift_weight: float = 20.0
     """Steps that the drift of all users together is worth where that of a device's own SLAM is estimated."""
     drift_seen_weight: float = 8.0
@@ -328,12 +328,13 @@ class IntegrityParameters:
     was where one radio told short distances for a while, 0.036 where two were exchanged and all were metres off."""
     largest_foreign: float = 0.5
     """Nobody is registered whose foreign ranges, and all between them, are a larger share of its ranges: which part is
-    its own is then not known. ..."""
+    its own is then not known; ..."""
     largest_foreign_of_others: float = 0.75
-    """The same where its foreign ranges are of somebody who is not where it seems: it may be the other one who is."""
+    """... a larger share than this where they are shared with somebody who is contradicted: either may be the one who
+    is elsewhere."""
     largest_foreign_of_all: float = 0.4
-    """... Nobody is where a larger share of all ranges is foreign: a third is where two of four are exchanged for half
-    the time."""
+    """Nobody at all is registered where a larger share of all ranges is foreign: a third is where two of four are
+    exchanged for half the time."""
     largest_drift_m: float = 0.2
     """m in a second of walking, 1 sigma: nobody is registered whose ranges fit its track with farther drift only.
     Odometry simulated up to 20 times as bad as SLAM was measured at 0.17 m and 0.19 rad at most, another walk's track

@@ -49,13 +49,13 @@ class StepNoise(NamedTuple):
     used: Array
     """With which the graph is solved in the end."""
     sought: Array
-    """With which it is sought which optimum is the right one: were there no SLAM that does not drift."""
+    """With which optima are sought and compared: as if all SLAM drifted, by `slam.drift_sought_least` at least."""
     told: Array
     """With which it is told how sure that is: as all factors that explain the ranges have it."""
 
 
 def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, drift: Array | None = None) -> StepNoise:
-    """What the ranges say at an optimum of the graph, whose steps have `drift` (k, 2) times the usual noise, or once.
+    """What the ranges say at an optimum of the graph, whose steps have `drift` (k, 2) times the usual noise (None: 1).
 
     1 where there are none, or where they say nothing of it.
     """
@@ -77,8 +77,10 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, drift: A
     likelihood = np.exp(evidence - evidence.max())
     weight = (spike + (1.0 - slam.driftless_share) * prior)[likely] * likelihood
     used[walks.users] = _matching(weight, determined, factors)
-    seen = (prior * (tried > slam.drift_seen_least))[likely] * likelihood
-    sought[walks.users] = _matching(seen, determined, factors) if seen.any() else slam.drift_seen_least
+    sought_weight = (prior * (tried > slam.drift_sought_least))[likely] * likelihood
+    sought[walks.users] = (
+        _matching(sought_weight, determined, factors) if sought_weight.any() else slam.drift_sought_least
+    )
     slab = (prior * tried / np.sqrt(1.0 + tried**2))[likely] * likelihood
     slab /= slab.sum()
     squared = np.tensordot(slab, factors**2, axes=1)
@@ -108,9 +110,9 @@ def far_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, wide
     Each user's own is hardly tied to the usual one: what drifts so far is one device in many.
     """
     out = np.ones((len(graph.users), 2))
-    tried = np.array([1.0 / wide])
-    of_users, _, _ = _about(graph, states, em_weights, np.ones_like(out), tried, wide, _FAR_WEIGHT, _FAR_ROUNDS)
-    out[graph.walks.users] = wide * of_users[0]
+    drift = wide * out
+    of_users, _, _ = _about(graph, states, em_weights, drift, np.ones(1), wide, _FAR_WEIGHT, _FAR_ROUNDS)
+    out[graph.walks.users] = of_users[0]
     return out
 
 

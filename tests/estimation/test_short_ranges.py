@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from synchronizar.arrays import Array, Indices
-from synchronizar.estimation.assessment import _contradicted
+from synchronizar.estimation.contradicted import contradicted_by_ranges
 from synchronizar.parameters import Parameters
 
 PAIRS = list(combinations(range(4), 2))
@@ -44,7 +44,7 @@ def contradicted(
         residuals=lambda _: residuals,
     )
     em_weights: Any = SimpleNamespace(own_probability=own)
-    return set(_contradicted(graph, None, em_weights, True, cut))  # type: ignore[arg-type] # residuals are given
+    return set(contradicted_by_ranges(graph, None, em_weights, True, cut))  # type: ignore[arg-type] # residuals are given
 
 
 class _Measurements:
