@@ -27,7 +27,9 @@ NEAR_S = 0.03
 LONGEST_S = 0.25
 """s: after a longer pause between two frames nobody sees a step."""
 SETTLED_S = 0.5
-"""s after which a ball that has changed hands has glided to its place."""
+"""s of drawing after which a ball that has changed hands has glided to its place."""
+LONGEST_GLIDE_S = 0.2
+"""s that a thing glides at most between two frames, however far they are apart."""
 
 # With each frame: [s of the phone's pose by the wall, the room's time and what it is off, where the common frame is,
 # whether that is sure, {id: place}, what the ball does, {name: of when somebody is shown}].
@@ -52,7 +54,8 @@ LOG = """(what) => {
     const shown = Object.fromEntries(Object.entries(others).map(([name, { t }]) => [name, t]));
     const ball = client.objects.get("catch ball")?.data ?? null;
     const sure = frame.registered && frame.opacity === 1;
-    const early = roomTime - (performance.timeOrigin + performance.now()) / 1000;
+    // Not by `roomTime`: on a busy machine that was asked for a while ago.
+    const early = client.roomTime - (performance.timeOrigin + performance.now()) / 1000;
     drawn.push([wall, roomTime, early, [x, y, z, yaw, scale], sure, things, ball, shown]);
   };
 }"""
@@ -66,7 +69,7 @@ class Frame(NamedTuple):
     t: float
     """s, by the room's clock, as the page knows it."""
     early: float
-    """s: what the page takes for the room's time minus what that is, beside some microseconds of drawing."""
+    """s: what the page takes for the room's time minus what that is."""
     placing: YawFrame
     """Where the page has put the common frame: `common_from_user`, z up."""
     sure: bool
@@ -76,14 +79,20 @@ class Frame(NamedTuple):
     ball: dict[str, Any] | None
     shown: dict[str, float]
     """s: of when each of the others is shown."""
+    glided: float
+    """s for which the page has drawn the ball since it first drew it like that, as it glides."""
 
 
 def frames_of(rows: list[list[Any]]) -> list[Frame]:
     """Of what a page has noted."""
-    return [
-        Frame(wall, t, early, YawFrame(*placing), sure, {id_: np.array(p) for id_, p in things.items()}, ball, shown)
-        for wall, t, early, placing, sure, things, ball, shown in rows
-    ]
+    out: list[Frame] = []
+    for wall, t, early, placing, sure, things, ball, shown in rows:
+        before = out[-1] if out else None
+        same = before is not None and before.ball == ball
+        glided = before.glided + min(wall - before.wall, LONGEST_GLIDE_S) if before is not None and same else 0.0
+        places = {id_: np.array(place) for id_, place in things.items()}
+        out.append(Frame(wall, t, early, YawFrame(*placing), sure, places, ball, shown, glided))
+    return out
 
 
 class Walker:
@@ -160,9 +169,9 @@ class Judged:
         for one, other, _, _ in self._pairs():
             if one.ball is None or one.ball != other.ball or one.ball["phase"] != "flies":
                 continue
-            told = Flight(one.ball["t"], tuple(one.ball["position"]), tuple(one.ball["velocity"]))
-            if min(one.t, other.t) - told.t < SETTLED_S or not ("ball" in one.things and "ball" in other.things):
+            if min(one.glided, other.glided) < SETTLED_S or not ("ball" in one.things and "ball" in other.things):
                 continue
+            told = Flight(one.ball["t"], tuple(one.ball["position"]), tuple(one.ball["velocity"]))
             # Their frames are not of quite the same moment.
             off = [frame.things["ball"] - told.at(frame.t - frame.early) for frame in (one, other)]
             out.append(float(np.linalg.norm(off[0] - off[1])))
