@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CORE_SOURCES := $(wildcard factors/*.cpp firmware/core/*.c firmware/sim/*.cpp firmware/targets/host/*.cpp)
-CORE := CMakeLists.txt firmware/CMakeLists.txt bindings/bindings.cpp $(CORE_SOURCES) $(wildcard $(addsuffix /*.h,factors firmware/core firmware/sim firmware/targets/host))
+CORE := CMakeLists.txt firmware/CMakeLists.txt $(wildcard bindings/*.cpp) $(CORE_SOURCES) $(wildcard $(addsuffix /*.h,bindings factors firmware/core firmware/sim firmware/targets/host))
 CORE_TESTS := $(wildcard tests/cpp/* firmware/tests/*.[ch] firmware/tests/*/*.[ch] firmware/tests/*/*.cpp)
 # The package is built where its core's tests are: what both need is compiled once.
 CTEST := build/ctest

@@ -18,7 +18,7 @@ from support.paths import REPOSITORY
 
 # Source that a build compiles or installs, by folder; below `synchronizar` all of it.
 BUILT_FROM = {
-    "bindings": {".cpp"},
+    "bindings": {".cpp", ".h"},
     "factors": {".cpp", ".h"},
     "firmware/core": {".c", ".h"},
     "firmware/sim": {".cpp", ".h"},
