@@ -186,8 +186,8 @@ void bind_walk_solver(nb::module_& m) {
             }
             require(tried.size() > 0 && tried.minCoeff() > 0.0, "tried must be positive");
             require(begin > 0.0, "begin must be positive");
-            const auto found = self.step_noise(states, noise, make_loss(loss, 1.0), kept, counted, tried,
-                                               begin, weight, rounds);
+            const auto found = self.step_noise(states, noise, make_loss(loss, 1.0), kept,
+                                               {counted, tried, begin, weight, rounds});
             std::vector<Eigen::MatrixXd> factors;
             Column evidence(tried.size()), determined(tried.size());
             for (size_t b = 0; b < found.size(); ++b) {
