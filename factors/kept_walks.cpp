@@ -2,10 +2,14 @@
 
 namespace synchronizar {
 
+namespace {
+
 // Each kept row's index among the kept, in the order of the whole.
-static void renumber(const std::vector<int>& kept, Numbers& renumbered) {
+void renumber(const std::vector<int>& kept, Numbers& renumbered) {
   for (size_t n = 0; n < kept.size(); ++n) renumbered[kept[n]] = static_cast<int>(n);
 }
+
+}  // namespace
 
 KeptRows kept_rows(const Walks& walks, const Marks& kept) {
   KeptRows out;

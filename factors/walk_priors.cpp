@@ -6,12 +6,14 @@
 
 namespace synchronizar {
 
-static double height_of_origin(int user, const Walks& walks, const WalkStates& states) {
+namespace {
+
+double height_of_origin(int user, const Walks& walks, const WalkStates& states) {
   const int begin = walks.first[user];
   return states.places(begin, 2) - std::exp(states.calibration(user, 0)) * walks.slam(begin, 2);
 }
 
-static Vector3 shared_calibration(const WalkStates& states, const WalkNoise& noise) {
+Vector3 shared_calibration(const WalkStates& states, const WalkNoise& noise) {
   Vector3 weight = noise.shared_sigma.cwiseAbs2().cwiseInverse(), sum = Vector3::Zero();
   for (Eigen::Index u = 0; u < states.calibration.rows(); ++u) {
     const Vector3 own = noise.device_sigma.row(u).cwiseAbs2().cwiseInverse();
@@ -21,7 +23,7 @@ static Vector3 shared_calibration(const WalkStates& states, const WalkNoise& noi
   return sum.cwiseQuotient(weight);
 }
 
-static double mean_height(const Walks& walks, const WalkStates& states, const WalkNoise& noise) {
+double mean_height(const Walks& walks, const WalkStates& states, const WalkNoise& noise) {
   double weight = 0.0, sum = 0.0;
   for (int u = 0; u < walks.users; ++u) {
     if (noise.surveyed[u]) continue;
@@ -33,34 +35,15 @@ static double mean_height(const Walks& walks, const WalkStates& states, const Wa
 }
 
 // A lasting error beside the one that it follows, over the 1 sigma of their difference.
-static double lasting_step(int which, const Walks& walks, const WalkStates& states, const WalkNoise& noise) {
+double lasting_step(int which, const Walks& walks, const WalkStates& states, const WalkNoise& noise) {
   const int before = walks.follows[which];
   const double decay = walks.decay[which];
   const double off = states.lasting[which] - (before < 0 ? 0.0 : decay * states.lasting[before]);
   return off / (noise.lasting_sigma[which] * std::sqrt(1.0 - decay * decay));
 }
 
-double prior_cost(const Walks& walks, const WalkStates& states, const WalkNoise& noise) {
-  const double mean = mean_height(walks, states, noise);
-  const Vector3 shared = shared_calibration(states, noise);
-  double sum = shared.cwiseQuotient(noise.shared_sigma).squaredNorm();
-  for (int u = 0; u < walks.users; ++u) {
-    const Vector3 apart = Vector3(states.calibration.row(u)) - shared;
-    sum += apart.cwiseQuotient(Vector3(noise.device_sigma.row(u))).squaredNorm();
-    sum += std::pow(states.calibration(u, 1) / noise.known_bias_sigma[u], 2);
-    const double height = u == walks.reference ? 0.0 : height_of_origin(u, walks, states);
-    sum += std::pow((height - (noise.surveyed[u] ? noise.about(u, 2) : mean)) / noise.height_sigma[u], 2);
-    if (u == walks.reference) continue;
-    const auto off = states.places.row(walks.first[u]) - noise.about.row(u);
-    sum += (off[0] * off[0] + off[1] * off[1]) / (noise.place_sigma[u] * noise.place_sigma[u]);
-    sum += std::pow(wrapped(off[3]) / noise.yaw_sigma, 2);
-  }
-  for (int v = 0; v < walks.follows.size(); ++v) sum += std::pow(lasting_step(v, walks, states, noise), 2);
-  return 0.5 * sum;
-}
-
-static void add_calibration_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
-                                   const WalkNoise& noise) {
+void add_calibration_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
+                            const WalkNoise& noise) {
   const Where& shared_at = layout.shared_calibration();
   const Vector3 shared = shared_calibration(states, noise);
   const Vector3 of_shared = noise.shared_sigma.cwiseAbs2().cwiseInverse();
@@ -83,8 +66,8 @@ static void add_calibration_priors(WalkSystem& system, const WalkLayout& layout,
 
 // Of each first keyframe's place, and of the height of the origin, which is that of the first keyframe
 // without scale times SLAM's: about where it was surveyed, or about the mean height.
-static void add_place_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
-                             const WalkNoise& noise) {
+void add_place_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
+                      const WalkNoise& noise) {
   const Walks& walks = layout.walks();
   const Where& mean_at = layout.mean_height();
   const double mean = mean_height(walks, states, noise);
@@ -115,8 +98,8 @@ static void add_place_priors(WalkSystem& system, const WalkLayout& layout, const
   }
 }
 
-static void add_lasting_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
-                               const WalkNoise& noise) {
+void add_lasting_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
+                        const WalkNoise& noise) {
   const Walks& walks = layout.walks();
   for (int v = 0; v < walks.follows.size(); ++v) {
     const Where& here = layout.lasting(v);
@@ -132,6 +115,27 @@ static void add_lasting_priors(WalkSystem& system, const WalkLayout& layout, con
     system.add(here, there, OneByOne(-decay * root * root));
     system.add_gradient(there, OneByOne(-decay * pull));
   }
+}
+
+}  // namespace
+
+double prior_cost(const Walks& walks, const WalkStates& states, const WalkNoise& noise) {
+  const double mean = mean_height(walks, states, noise);
+  const Vector3 shared = shared_calibration(states, noise);
+  double sum = shared.cwiseQuotient(noise.shared_sigma).squaredNorm();
+  for (int u = 0; u < walks.users; ++u) {
+    const Vector3 apart = Vector3(states.calibration.row(u)) - shared;
+    sum += apart.cwiseQuotient(Vector3(noise.device_sigma.row(u))).squaredNorm();
+    sum += std::pow(states.calibration(u, 1) / noise.known_bias_sigma[u], 2);
+    const double height = u == walks.reference ? 0.0 : height_of_origin(u, walks, states);
+    sum += std::pow((height - (noise.surveyed[u] ? noise.about(u, 2) : mean)) / noise.height_sigma[u], 2);
+    if (u == walks.reference) continue;
+    const auto off = states.places.row(walks.first[u]) - noise.about.row(u);
+    sum += (off[0] * off[0] + off[1] * off[1]) / (noise.place_sigma[u] * noise.place_sigma[u]);
+    sum += std::pow(wrapped(off[3]) / noise.yaw_sigma, 2);
+  }
+  for (int v = 0; v < walks.follows.size(); ++v) sum += std::pow(lasting_step(v, walks, states, noise), 2);
+  return 0.5 * sum;
 }
 
 void add_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,

@@ -6,11 +6,13 @@
 
 namespace synchronizar {
 
-static constexpr int kBias = 5;                // column of the first device's bias in a pair's squares
-static constexpr int kLast = 2 * kOwnColumns;  // column of the residuals there
+namespace {
 
-static std::vector<DeviceAtKeyframe> devices(const WalkLayout& layout, const WalkStates& states,
-                                             const Column& assumed_clock) {
+constexpr int kBias = 5;                // column of the first device's bias in a pair's squares
+constexpr int kLast = 2 * kOwnColumns;  // column of the residuals there
+
+std::vector<DeviceAtKeyframe> devices(const WalkLayout& layout, const WalkStates& states,
+                                      const Column& assumed_clock) {
   std::vector<DeviceAtKeyframe> out;
   out.reserve(static_cast<size_t>(states.places.rows()));
   for (Eigen::Index n = 0; n < states.places.rows(); ++n) {
@@ -22,9 +24,46 @@ static std::vector<DeviceAtKeyframe> devices(const WalkLayout& layout, const Wal
   return out;
 }
 
-static double lasting_error(Eigen::Index range, const Walks& walks, const WalkStates& states) {
+double lasting_error(Eigen::Index range, const Walks& walks, const WalkStates& states) {
   return walks.lasting.size() == 0 ? 0.0 : states.lasting[walks.lasting[range]];
 }
+
+// The squares of a run of ranges between two keyframes, laid where their variables stand; `lasting` is the
+// error that all of the run have, or -1.
+void add_squares(WalkSystem& system, const WalkLayout& layout, const WalkStates& states, int key_i, int key_j,
+                 int lasting, PairSquares squares) {
+  using Columns = std::array<std::pair<Where, int>, 2>;
+  const Columns places{{{layout.keyframe(key_i), 0}, {layout.keyframe(key_j), kOwnColumns}}};
+  // A keyframe that is fixed moves in height by its device's scale.
+  for (const auto& [first, key] : {std::pair(0, key_i), std::pair(kOwnColumns, key_j)}) {
+    const double by_scale = layout.height_by_scale(key, states);
+    if (by_scale == 0.0) continue;
+    squares.col(first + 4) += by_scale * squares.col(first + 2);
+    squares.row(first + 4) += by_scale * squares.row(first + 2);
+  }
+  const Columns of_devices{
+      {{layout.device(layout.user(key_i)), 4}, {layout.device(layout.user(key_j)), kOwnColumns + 4}}};
+  for (const auto& [a, row] : of_devices) {
+    system.add(a, a, squares.block<3, 3>(row, row));
+    system.add_gradient(a, squares.block<3, 1>(row, kLast));
+    for (const auto& [b, column] : places) system.add(a, b, squares.block<3, 4>(row, column));
+  }
+  system.add(of_devices[0].first, of_devices[1].first, squares.block<3, 3>(4, kOwnColumns + 4));
+  for (const auto& [a, row] : places) {
+    system.add(a, a, squares.block<4, 4>(row, row));
+    system.add_gradient(a, squares.block<4, 1>(row, kLast));
+  }
+  system.add(places[0].first, places[1].first, squares.block<4, 4>(0, kOwnColumns));
+  if (lasting < 0) return;
+  // A lasting error makes a range longer just as a bias does.
+  const Where& at = layout.lasting(lasting);
+  system.add(at, at, squares.block<1, 1>(kBias, kBias));
+  system.add_gradient(at, squares.block<1, 1>(kBias, kLast));
+  for (const auto& [a, row] : places) system.add(at, a, squares.block<1, 4>(kBias, row));
+  for (const auto& [a, row] : of_devices) system.add(at, a, squares.block<1, 3>(kBias, row));
+}
+
+}  // namespace
 
 Column range_residuals(const WalkLayout& layout, const WalkStates& states, const Column& assumed_clock) {
   const Walks& walks = layout.walks();
@@ -59,41 +98,6 @@ void add_bend(WalkSystem& system, const WalkLayout& layout, const WalkStates& st
   system.add(i, i, OneByOne(bend.information * by_i * by_i));
   system.add(j, j, OneByOne(bend.information * by_j * by_j));
   system.add(i, j, OneByOne(-bend.information * by_i * by_j));
-}
-
-// The squares of a run of ranges between two keyframes, laid where their variables stand; `lasting` is the
-// error that all of the run have, or -1.
-static void add_squares(WalkSystem& system, const WalkLayout& layout, const WalkStates& states, int key_i,
-                        int key_j, int lasting, PairSquares squares) {
-  using Columns = std::array<std::pair<Where, int>, 2>;
-  const Columns places{{{layout.keyframe(key_i), 0}, {layout.keyframe(key_j), kOwnColumns}}};
-  // A keyframe that is fixed moves in height by its device's scale.
-  for (const auto& [first, key] : {std::pair(0, key_i), std::pair(kOwnColumns, key_j)}) {
-    const double by_scale = layout.height_by_scale(key, states);
-    if (by_scale == 0.0) continue;
-    squares.col(first + 4) += by_scale * squares.col(first + 2);
-    squares.row(first + 4) += by_scale * squares.row(first + 2);
-  }
-  const Columns of_devices{
-      {{layout.device(layout.user(key_i)), 4}, {layout.device(layout.user(key_j)), kOwnColumns + 4}}};
-  for (const auto& [a, row] : of_devices) {
-    system.add(a, a, squares.block<3, 3>(row, row));
-    system.add_gradient(a, squares.block<3, 1>(row, kLast));
-    for (const auto& [b, column] : places) system.add(a, b, squares.block<3, 4>(row, column));
-  }
-  system.add(of_devices[0].first, of_devices[1].first, squares.block<3, 3>(4, kOwnColumns + 4));
-  for (const auto& [a, row] : places) {
-    system.add(a, a, squares.block<4, 4>(row, row));
-    system.add_gradient(a, squares.block<4, 1>(row, kLast));
-  }
-  system.add(places[0].first, places[1].first, squares.block<4, 4>(0, kOwnColumns));
-  if (lasting < 0) return;
-  // A lasting error makes a range longer just as a bias does.
-  const Where& at = layout.lasting(lasting);
-  system.add(at, at, squares.block<1, 1>(kBias, kBias));
-  system.add_gradient(at, squares.block<1, 1>(kBias, kLast));
-  for (const auto& [a, row] : places) system.add(at, a, squares.block<1, 4>(kBias, row));
-  for (const auto& [a, row] : of_devices) system.add(at, a, squares.block<1, 3>(kBias, row));
 }
 
 void add_ranges(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,

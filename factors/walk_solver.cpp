@@ -11,14 +11,16 @@
 
 namespace synchronizar {
 
+namespace {
+
 // The part of a vector, which is by groups, that belongs to a variable of some size.
 template <int size>
-static auto part(const BorderedEnvelope::Sides& of, const Where& at) {
+auto part(const BorderedEnvelope::Sides& of, const Where& at) {
   return of[static_cast<size_t>(at.group)].block<size, 1>(at.offset, 0).transpose();
 }
 
-static WalkStates moved(const WalkLayout& layout, const WalkStates& states,
-                        const BorderedEnvelope::Sides& step, double length) {
+WalkStates moved(const WalkLayout& layout, const WalkStates& states, const BorderedEnvelope::Sides& step,
+                 double length) {
   const Walks& walks = layout.walks();
   WalkStates out = states;
   for (Eigen::Index n = 0; n < out.places.rows(); ++n) {
@@ -40,8 +42,8 @@ static WalkStates moved(const WalkLayout& layout, const WalkStates& states,
 
 // Decomposes the matrix of a system, linearised at some states, for a step from there; false if it cannot.
 // Where bends make the matrix indefinite they are left out; where rounding does, the step is damped.
-static bool factorize_for_step(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
-                               const WalkNoise& noise, const Loss& loss) {
+bool factorize_for_step(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
+                        const WalkNoise& noise, const Loss& loss) {
   if (!system.downwards.empty()) {
     BorderedEnvelope without = system.matrix;
     for (const HeightBend& bend : system.downwards) add_bend(system, layout, states, bend);
@@ -60,9 +62,9 @@ static bool factorize_for_step(WalkSystem& system, const WalkLayout& layout, con
 
 // The decomposition at a local optimum. Where the matrix is singular to rounding, what is not known gets a
 // large covariance all the same.
-static BorderedEnvelope factorized_at_optimum(const WalkLayout& layout, const WalkStates& states,
-                                              const WalkNoise& noise, const Loss& loss,
-                                              const Column& height_curvature) {
+BorderedEnvelope factorized_at_optimum(const WalkLayout& layout, const WalkStates& states,
+                                       const WalkNoise& noise, const Loss& loss,
+                                       const Column& height_curvature) {
   BorderedEnvelope matrix = linearized(layout, states, noise, loss, &height_curvature).matrix;
   double damping = 1e-12;
   while (!matrix.factorize() && damping < 1.0) {
@@ -72,6 +74,8 @@ static BorderedEnvelope factorized_at_optimum(const WalkLayout& layout, const Wa
   }
   return matrix;
 }
+
+}  // namespace
 
 WalkSolver::WalkSolver(Walks walks) : layout_(std::move(walks)) {}
 

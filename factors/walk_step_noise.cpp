@@ -11,10 +11,10 @@
 
 namespace synchronizar {
 
-static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-static constexpr double kHopeless = 10.0;  // log evidence: a common factor with so much less is not refined
-
 namespace {
+
+constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+constexpr double kHopeless = 10.0;  // log evidence: a common factor with so much less is not refined
 
 // The decomposition with steps whose noise has some factors, the Newton step, and the factors' evidence.
 struct WithSteps {
