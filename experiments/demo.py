@@ -60,7 +60,7 @@ def main() -> None:
     print("ranges: " + ", ".join(f"{count} {what}" for what, count in range_counts(registration.ranges).items()))
     right = registration.ranges.used != simulation.late
     print(f"NLOS ranges told from the others: {right.mean():.1%} of {len(right)}")
-    print(f"picture: {plot(recording, answer, walk.name)}")
+    print("pictures:", *plot(recording, answer, walk.name))
 
 
 def _row(registration: Registration, simulation: Simulation, name: str) -> str:

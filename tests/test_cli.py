@@ -93,8 +93,8 @@ def test_a_walk_is_simulated_registered_evaluated_and_drawn(tmp_path: Path) -> N
 
     drawn = run("plot", recording, out)
     assert (drawn.returncode, drawn.stderr) == (0, "")
-    assert drawn.stdout == f"{out / 'picture.png'}\n"
-    assert (out / "picture.png").stat().st_size > 0
+    assert drawn.stdout.splitlines() == [str(out / name) for name in ("picture.png", "devices.png")]
+    assert all((out / name).stat().st_size > 0 for name in ("picture.png", "devices.png"))
 
 
 def test_json_alone_stands_on_standard_output_and_is_what_is_written(walk: Path, tmp_path: Path) -> None:

@@ -213,7 +213,8 @@ def _plot(options: argparse.Namespace) -> None:
     else:
         from synchronizar.reporting.plots import plot
 
-        print_result(str(plot(recording, options.out, name)))
+        for file in plot(recording, options.out, name):
+            print_result(str(file))
 
 
 def _convert(options: argparse.Namespace) -> None:

@@ -301,7 +301,7 @@ def texts(figure: Figure) -> set[str]:
 
 def test_a_picture_is_written_beside_the_answer_and_nothing_else_is_touched(recording: Recording, folder: Path) -> None:
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
-    file = plot(recording, folder, "walk")
+    (file,) = plot(recording, folder, "walk")
     assert file == folder / "picture.png"
     assert file.read_bytes().startswith(b"\x89PNG\r\n")
     assert file.stat().st_size > 50_000
@@ -409,14 +409,14 @@ def test_no_range_at_all_makes_a_picture_too(tmp_path: Path) -> None:
     simulated = simulate(Scene(users=2, seconds=2.0)).recording
     recording = replace(simulated, ranges=simulated.ranges.select(np.zeros(0, dtype=np.intp)))
     write_registration(register(recording, model="rigid"), recording, tmp_path)
-    assert plot(recording, tmp_path, "walk").exists()
+    assert all(file.exists() for file in plot(recording, tmp_path, "walk"))
 
 
 def test_the_page_of_devices_is_written_where_slam_is_corrected_alone(
     corrected: Registration, drifting: Recording, tmp_path: Path
 ) -> None:
     write_registration(corrected, drifting, tmp_path)
-    assert plot(drifting, tmp_path, "walk") == tmp_path / "picture.png"
+    assert plot(drifting, tmp_path, "walk") == [tmp_path / "picture.png", tmp_path / "devices.png"]
     assert (tmp_path / "devices.png").read_bytes().startswith(b"\x89PNG\r\n")
     write_registration(replace(corrected, model="rigid"), drifting, tmp_path)
     plot(drifting, tmp_path, "walk")

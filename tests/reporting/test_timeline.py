@@ -139,7 +139,7 @@ def test_who_has_no_place_has_no_sureness() -> None:
 
 def test_the_page_of_a_replay_is_written_and_nothing_else_is_touched(simulation: Simulation, folder: Path) -> None:
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
-    page = plot(simulation.recording, folder, "walk")
+    (page,) = plot(simulation.recording, folder, "walk")
     assert page == folder / "replay.png"
     assert page.read_bytes().startswith(b"\x89PNG\r\n")
     assert before == {file.name: file.read_bytes() for file in folder.iterdir() if file != page}
@@ -152,7 +152,7 @@ def test_pages_of_an_earlier_answer_go(simulation: Simulation, folder: Path) -> 
     assert [file.name for file in folder.glob("*.png")] == ["replay.png"]
     (folder / "updates.jsonl").unlink()
     write_registration(register(simulation.recording, model="rigid"), simulation.recording, folder)
-    assert plot(simulation.recording, folder, "walk") == folder / "picture.png"
+    assert plot(simulation.recording, folder, "walk") == [folder / "picture.png"]
     assert [file.name for file in folder.glob("*.png")] == ["picture.png"]
 
 

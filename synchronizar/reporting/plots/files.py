@@ -20,8 +20,8 @@ DPI = 110
 PICTURE, DEVICES, REPLAY = "picture.png", "devices.png", "replay.png"
 
 
-def plot(recording: Recording, folder: str | Path, name: str) -> Path:
-    """Draw what `register --out` or `replay --out` wrote into a folder; return the path of the first file.
+def plot(recording: Recording, folder: str | Path, name: str) -> list[Path]:
+    """Draw what `register --out` or `replay --out` wrote into a folder; return the files that are drawn.
 
     Of a registration: `picture.png` in that folder and, where the model corrects SLAM, `devices.png` with each device's
     calibration. Of a replay: `replay.png`. Files of an earlier answer that are not drawn again are removed. `name` is
@@ -35,7 +35,7 @@ def plot(recording: Recording, folder: str | Path, name: str) -> Path:
         else:
             with os_faults(Path(folder) / page):
                 (Path(folder) / page).unlink(missing_ok=True)
-    return Path(folder) / next(iter(pages))
+    return [Path(folder) / page for page in pages]
 
 
 def _pages(recording: Recording, folder: Path, name: str) -> dict[str, Figure]:
