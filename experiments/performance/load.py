@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import resource
 import tempfile
 import time
@@ -48,6 +49,7 @@ def load(folder: str) -> tuple[float, float]:
 
 def main() -> None:
     """Write, then load, each in a process of its own, so that the peak is that of loading alone."""
+    argparse.ArgumentParser(prog="python -m experiments.performance.load", description=__doc__).parse_args()
     with (
         tempfile.TemporaryDirectory() as folder,
         ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=1) as processes,
