@@ -111,6 +111,8 @@ class SlamParameters:
     """Steps that the drift of all users together is worth where that of a device's own SLAM is estimated."""
     drift_seen_weight: float = 8.0
     """Steps that the usual drift is worth where it is estimated by how much places are corrected while people walk."""
+    drift_largest: float = 4.0
+    """Factor on usual drift that a device's own is estimated to have at most; more is tried where ranges ask for it."""
     slip_sigmas: float = 5.0
     """Sigmas of a step between keyframes beyond which SLAM slipped."""
 
@@ -228,7 +230,10 @@ class SearchParameters:
     cost_alive: float = 30.0
     """A candidate is kept while its cost is at most this much above the best one's."""
     annealing: float = 3.0
-    """How many times wider the loss is at first where the answer is in doubt (graduated non-convexity)."""
+    """How many times wider the loss is at first where the answer is in doubt (graduated non-convexity), or where SLAM
+    has drifted in a part of the walk that was added."""
+    annealing_of_rigid: tuple[float, ...] = (4.0, 2.0)
+    """The same, one after the other, where devices are free and begin at what was found with SLAM taken for rigid."""
     doubtful_share: float = 0.02
     """With more than this share of NLOS ranges the search is repeated in parts of the walk."""
     drifting_share: float = 0.1
@@ -284,6 +289,14 @@ class IncrementalParameters:
     """s between two checks of known users for other optima and mirror images."""
     doubtful_interval: float = 2.0
     """s between two, while more ranges are NLOS than `search.doubtful_share`: what a burst shows may be elsewhere."""
+    search_first: float = 1.0
+    """s after the first range until the first search."""
+    search_fewest: int = 20
+    """Ranges that a search needs: fewer tell nothing worth one."""
+    search_proving: float = 2.0
+    """s between two searches, at least, while all who are sought are registered and only not proven yet."""
+    search_whole_most: int = 12
+    """Among so many members, at most, a walk longer than the window is searched; of more it would take too long."""
     judged_walk: float = 3.0
     """s: a user's place is judged where the last so many seconds of its walk would lie; what lies further back was told
     by the frames of its own time."""
@@ -320,6 +333,8 @@ class IntegrityParameters:
     """m: a surveyed radio that the ranges have further from its entry, and by as many sigmas, is somewhere else."""
     largest_rejected: float = 0.75
     """Nobody is registered of whose ranges a larger share is rejected."""
+    share_fewest: int = 20
+    """Ranges of a user that a share of them is asked of; of fewer it is chance."""
     largest_short: float = 0.06
     """Nobody is registered of whose ranges a larger share is too short by `innovation_sigmas`: at most 0.001 was where
     tracks are right, among 40 % late ranges and on real recordings, 0.03 to 0.2 where a track was another walk's."""

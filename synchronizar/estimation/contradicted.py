@@ -12,8 +12,7 @@ from synchronizar.estimation.integrity import Verdict
 from synchronizar.estimation.slips import risen_by
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.states import States
-
-_FEWEST_RANGES = 20  # for a share of them
+from synchronizar.parameters import IntegrityParameters
 
 
 def contradicted_users(
@@ -63,8 +62,8 @@ def contradicted_by_ranges(
         share = np.zeros(k)
         for u in graph.active_users:
             own = ranges_of(u, left)
-            if len(own) >= _FEWEST_RANGES:
-                over = _is_over(foreign[own], limits.largest_foreign)
+            if len(own) >= limits.share_fewest:
+                over = _is_over(foreign[own], limits)
                 off = short[own] & ~foreign[own] if over else short[own] | foreign[own]
                 share[u] = off.mean()
         u = max(range(k), key=lambda v: (float(share[v]), v != graph.reference))
@@ -87,9 +86,10 @@ def contradicted_by_ranges(
     return {u: reason.format(share) for u, share in shares}
 
 
-def _is_over(foreign: Mask, largest: float) -> bool:
-    """Whether ranges (n,) in the order of time were foreign once, for a share of `largest` at most, and fit since."""
-    return not foreign.any() or (_extent(foreign) < largest and not bool(foreign[-_FEWEST_RANGES:].any()))
+def _is_over(foreign: Mask, limits: IntegrityParameters) -> bool:
+    """Whether ranges (n,) in the order of time were foreign once, for a share at most, and fit since."""
+    latest = foreign[-limits.share_fewest :]
+    return not foreign.any() or (_extent(foreign) < limits.largest_foreign and not bool(latest.any()))
 
 
 def _extent(foreign: Mask) -> float:

@@ -35,7 +35,6 @@ from synchronizar.preprocessing.keyframes import Keyframes
 PLACE, HEADING = range(2)
 """Columns of the factors."""
 
-_LARGEST = 4.0
 _STEP = np.sqrt(2.0)  # between factors that are tried
 _ROUNDS = 4
 _FAR_WEIGHT = 2.0  # steps that usual drift counts as where it is far
@@ -65,7 +64,7 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, drift: A
     if not len(graph.measurements):
         return StepNoise(used, sought, told)
     walks = graph.walks
-    tried = slam.drift_least * _STEP ** np.arange(np.log(_LARGEST / slam.drift_least) / np.log(_STEP) + 1.0)
+    tried = slam.drift_least * _STEP ** np.arange(np.log(slam.drift_largest / slam.drift_least) / np.log(_STEP) + 1.0)
     of_users, evidence, determined = _about(graph, states, em_weights, drift, tried, 1.0, slam.drift_weight, _ROUNDS)
     likely = np.isfinite(determined)
     if not (determined[likely] > 0.0).any():

@@ -15,7 +15,8 @@ from synchronizar.preprocessing.range_measurements import RangeMeasurements
 from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.quaternions import rotate_by_quaternions
 
-_REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
+VELOCITY_REACH = 0.1
+"""s before and after a range between which the antenna's velocity is taken."""
 _LEAST_SIGMA = 1e-4  # m and rad: smaller step sigmas make the linear system numerically singular
 
 
@@ -149,7 +150,7 @@ def range_ends(
             continue
         track = recording.tracks[user.name]
         t = np.clip(measurements.t[mine] + clock_offset[u], track.t[0], track.t[-1])
-        before, after = np.maximum(t - _REACH, track.t[0]), np.minimum(t + _REACH, track.t[-1])
+        before, after = np.maximum(t - VELOCITY_REACH, track.t[0]), np.minimum(t + VELOCITY_REACH, track.t[-1])
         places, arms = _antennas(track, user, np.concatenate([t, before, after]), np.tile(antenna[mine], 3))
         (place, *_), (arm, *_) = np.split(places, 3), np.split(arms, 3)
         _, begin, end = np.split(places + arms, 3)

@@ -10,9 +10,6 @@ from synchronizar.data.registration import State
 from synchronizar.estimation.incremental.following import Following
 from synchronizar.estimation.incremental.roster import Roster
 
-_FIRST_SEARCH = 1.0  # s after the first range
-_PROVING_INTERVAL = 2.0  # s between two searches while all who are sought are registered
-_MANY = 12  # members among whom one is proven by a window: a longer walk of so many would be searched for too long
 _LEAST_PROGRESS = 0.01  # less is not told from none
 
 
@@ -43,11 +40,11 @@ class Schedule:
             interval = m.doubtful_interval if doubtful else m.check_interval
             return bool(following.tracking.members) and now >= max(self.searched, self.checked) + interval
         first = min(s for u in sought if (s := roster.standings[u].since) is not None)
-        if now < first + _FIRST_SEARCH:
+        if now < first + m.search_first:
             return False
         growth = m.search_growth * (now - first)
         if all(roster.standings[u].is_registered for u in sought):
-            return now >= self.searched + max(_PROVING_INTERVAL, growth)
+            return now >= self.searched + max(m.search_proving, growth)
         times = [self._registered_from(u) for u in sought]
         near = max(t for t in times if t <= min(times) + m.search_interval_near)
         if now < near <= now + m.search_interval_near:
@@ -82,8 +79,9 @@ class Schedule:
         m, roster = self._roster.parameters, self._roster
         begin = roster.now - m.incremental.window
         sought, members = [roster.standings[u] for u in self.sought()], self._following.tracking.members
-        if len(members) > _MANY:
+        many = len(members) > m.incremental.search_whole_most
+        if many:
             sought = [standing for standing in sought if not standing.is_registered]
-        known = len(members) > _MANY or any(roster.standings[u].proven for u in members)
+        known = many or any(roster.standings[u].proven for u in members)
         longest = 2.0 * m.incremental.window if known else m.search.first_stretch
         return min([begin, *(max(s.since, roster.now - longest) for s in sought if s.since is not None)])

@@ -24,7 +24,6 @@ from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.quaternions import IDENTITY
 from synchronizar.threads import one_blas_thread
 
-FEWEST_RANGES = 20  # fewer tell nothing worth a search
 _PARTING = 0.25  # of the largest error: optima that are further apart at some extent point may part
 _MOST_CANDIDATES = 4
 
@@ -35,7 +34,7 @@ def search(snapshot: Snapshot) -> Found | None:
     # While people walk contradictions tell: foreign ranges that are not over yet would pass for everybody's own.
     parameters = snapshot.parameters.changed(ranges={"foreign_share": 0.0})
     problem = Problem.of(snapshot.recording, snapshot.gauge, parameters)
-    if len(problem.measurements) < FEWEST_RANGES:
+    if len(problem.measurements) < parameters.incremental.search_fewest:
         return None
     repaired = {name: _repaired(snapshot, name) for name in snapshot.recording.tracks}
     minima, (_, _, told), _ = solve(problem, repaired, begun=_starts(snapshot, problem.active_users), whole=False)
@@ -172,4 +171,5 @@ def _rejected(snapshot: Snapshot, assessed: Assessment, user: int) -> float:
     measurements = assessed.optimum.graph.measurements
     recent = measurements.t > snapshot.t - snapshot.parameters.incremental.recent
     mine = recent & ((measurements.i == user) | (measurements.j == user))
-    return float((assessed.inlier_probability[mine] < 0.5).mean()) if mine.sum() >= FEWEST_RANGES else 0.0
+    enough = mine.sum() >= snapshot.parameters.integrity.share_fewest
+    return float((assessed.inlier_probability[mine] < 0.5).mean()) if enough else 0.0

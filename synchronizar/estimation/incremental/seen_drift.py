@@ -19,7 +19,6 @@ from synchronizar.parameters import SlamParameters
 
 _SLOTS = 5  # summed: corrections follow drift that is larger than it is taken for over some of them
 _MEMORY = 60.0  # slots
-_LARGEST = 4.0  # of the factors, as of a search's
 _KNOWN = 4  # x, y (m), yaw (rad), log scale
 _NOWHERE = -1
 
@@ -113,5 +112,6 @@ class SeenDrift:
         ordinary = squares < self._parameters.slip_sigmas**2
         self._sums[users] *= 1.0 - 1.0 / _MEMORY
         self._sums[users] += np.hstack([squares * ordinary, told * ordinary])
-        weight, known = self._parameters.drift_seen_weight, self._sums[users]
-        self.factors[users] = np.sqrt(np.clip((weight + known[:, :2]) / (weight + known[:, 2:]), 1.0, _LARGEST**2))
+        weight, largest = self._parameters.drift_seen_weight, self._parameters.drift_largest
+        known = self._sums[users]
+        self.factors[users] = np.sqrt(np.clip((weight + known[:, :2]) / (weight + known[:, 2:]), 1.0, largest**2))

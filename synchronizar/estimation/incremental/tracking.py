@@ -52,9 +52,9 @@ from synchronizar.graph.slot_factors import (
 )
 from synchronizar.graph.states import BIAS
 from synchronizar.parameters import Parameters
+from synchronizar.preprocessing.keyframes import VELOCITY_REACH
 from synchronizar.preprocessing.pose_stream import PoseStream, ends_of_ranges
 
-_REACH = 0.1  # s before and after a range between which the antenna's velocity is taken
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
 _BURST_SLOTS = 2  # ... and at each update: what came just before tells most of whether a line of sight is blocked
@@ -68,7 +68,6 @@ _BELIEVED = 0.1  # of the weight of a surveyed place: one that weighs less is wh
 _NO_LEVEL = 1e3  # m: a survey's places tell nothing of the others' mean height
 _STATIC = 1e-3  # m and rad: 1 sigma of a static radio's steps; less is as good as nothing, and hard to compute with
 _SOMEWHERE = 10.0  # m, 1 sigma of the prior of who joins; a search has it to within a metre
-_FEWEST_RANGES = 20  # of a user, for a share of them
 _MOST_EXACT = 4.0  # times the weight that its sigma gives a range
 _MOST_ANTENNAS = 1024  # of a user, in the number of a link
 
@@ -348,7 +347,14 @@ class Tracking:
         antennas = np.stack([waiting.antenna_i, waiting.antenna_j], axis=1)
         longest = self.parameters.slam.longest_pose_gap
         ends, there = ends_of_ranges(
-            self.streams, self.read_clock, waiting.t, users, self._levers[users, antennas], there, _REACH, longest
+            self.streams,
+            self.read_clock,
+            waiting.t,
+            users,
+            self._levers[users, antennas],
+            there,
+            VELOCITY_REACH,
+            longest,
         )
         left = ~there & ~(waiting.t < now - _LATE)
         self._waiting = waiting.part(left) if left.any() else None
@@ -417,7 +423,7 @@ class Tracking:
             np.bincount(i, weights, len(out)) + np.bincount(j, weights, len(out))
             for weights in (np.ones(len(rows)), (inlier < 0.5).astype(float))
         )
-        return np.where(count >= _FEWEST_RANGES, off / np.maximum(count, 1.0), 0.0)
+        return np.where(count >= self.parameters.integrity.share_fewest, off / np.maximum(count, 1.0), 0.0)
 
     def inlier_probability(self, rows: Array) -> Array:
         """(n,) of ranges (n, columns), at the present estimates."""
