@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.local_optima import nlos_share, with_measured_weights, with_noise_alone
+from synchronizar.estimation.comparing import nlos_share
+from synchronizar.estimation.measured_weights import with_measured_weights, with_noise_alone
 from synchronizar.estimation.segments import coarse_interval, keyframes_of_all, search_and_grow
 from synchronizar.graph.evidence import evidence_against
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph

@@ -15,23 +15,17 @@ from synchronizar.data.registration import Registration, UserRegistration
 from synchronizar.data.track import Track
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import Assessment, assess_calibrated
+from synchronizar.estimation.comparing import BETTER, by_cost, compare, nlos_share
 from synchronizar.estimation.far_drift import Searched, far_noise, searched
 from synchronizar.estimation.lasting import measured_noise
-from synchronizar.estimation.local_optima import (
-    BETTER,
-    by_cost,
-    compare,
-    images,
-    is_at_other_heights,
-    nlos_share,
-    other_heights,
-    other_places,
-    otherwise_held,
+from synchronizar.estimation.measured_weights import (
     refine,
     with_devices_trusted,
     with_measured_weights,
     with_noise_alone,
 )
+from synchronizar.estimation.optimum_images import images
+from synchronizar.estimation.other_optima import is_at_other_heights, other_heights, other_places, otherwise_held
 from synchronizar.estimation.segments import keyframes_of_all
 from synchronizar.estimation.slips import slips
 from synchronizar.geometry import apply_frames, difference, wrap_angle

@@ -11,7 +11,8 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration
 from synchronizar.estimation.answer import OwnFrames, registration_of
 from synchronizar.estimation.assessment import assess
-from synchronizar.estimation.local_optima import find_optima, not_excluded
+from synchronizar.estimation.comparing import not_excluded
+from synchronizar.estimation.local_optima import find_optima
 from synchronizar.estimation.residual_statistics import inflations
 from synchronizar.estimation.segments import starts_of
 from synchronizar.graph.pose_graph import LocalOptimum

@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from synchronizar.arrays import Array, Mask
+from synchronizar.estimation.comparing import by_cost
 from synchronizar.estimation.initialisation import Candidate, extend, joint_placements
-from synchronizar.estimation.local_optima import approach, by_cost, find_optima
+from synchronizar.estimation.local_optima import approach, find_optima
 from synchronizar.geometry import apply_frames, difference, relative_to
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
@@ -24,7 +25,6 @@ from synchronizar.preprocessing.relocalizations import RepairedTrack
 from synchronizar.progress import Progress, stage, unheard
 
 _KEYFRAMES = 20  # per first segment, while candidates are compared
-_ANNEALING = 3.0  # after a segment grew: SLAM has drifted in the part that was added
 _MOST_GROWN = 2  # optima of the first segment that are optimised on the whole recording
 _ABOUT_M, _ABOUT_RAD = 0.3, 0.15  # starts that are nearer to one another lead to the same optimum
 _WHOLE = 2.0  # first segments: a recording that is no longer is searched as a whole
@@ -90,7 +90,7 @@ def search_and_grow(
             others = [s.states.anchor_poses for s in found[1:_MOST_GROWN] if s.cost < excluded]
         else:
             progress(float(np.clip(inside.mean(), 0.3, 1.0)))
-            found = [approach(graph, _extended_states(graph, found[0], known), _ANNEALING)]
+            found = [approach(graph, _extended_states(graph, found[0], known), graph.parameters.search.annealing)]
         known = part.active_users
         if whole:
             break

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.local_optima import nlos_share, not_excluded, other_places, with_measured_weights
+from synchronizar.estimation.comparing import nlos_share, not_excluded
+from synchronizar.estimation.measured_weights import with_measured_weights
 from synchronizar.estimation.mirror_images import reflections
+from synchronizar.estimation.other_optima import other_places
 from synchronizar.geometry import YawFrame, wrap_angle
 from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.problem import Problem
