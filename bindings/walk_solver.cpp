@@ -50,7 +50,7 @@ void bind_walk_solver(nb::module_& m) {
              const ThreeColumns& step_sigma, const WalkPlaces& about, const Column& place_sigma,
              double yaw_sigma, const Column& height_sigma, const Marks& surveyed,
              const ThreeColumns& device_sigma, const Column& known_bias_sigma, const Vector3& shared_sigma,
-             const Column& assumed_clock, const Column& lasting_sigma) {
+             const Column& assumed_clock, const Column& lasting_sigma, const Column& level_information) {
             check_nlos_odds(nlos_odds, range_weight.size());
             check_range_weight(range_weight, range_weight.size());
             const auto k = about.rows();
@@ -62,15 +62,19 @@ void bind_walk_solver(nb::module_& m) {
                         (known_bias_sigma.array() > 0.0).all() && (shared_sigma.array() > 0.0).all() &&
                         (step_sigma.array() > 0.0).all() && (lasting_sigma.array() > 0.0).all(),
                     "sigmas must be positive");
+            require(level_information.size() == step_sigma.rows() && level_information.allFinite() &&
+                        (level_information.array() >= 0.0).all(),
+                    "level_information must be one number a keyframe, none negative");
             require(about.allFinite() && assumed_clock.allFinite() && step_sigma.allFinite(),
                     "priors must be finite");
-            new (self) WalkNoise{nlos_odds,    range_weight,  step_sigma,   about,        place_sigma,
-                                 yaw_sigma,    height_sigma,  surveyed,     device_sigma, known_bias_sigma,
-                                 shared_sigma, assumed_clock, lasting_sigma};
+            new (self) WalkNoise{nlos_odds,     range_weight,     step_sigma,   about,
+                                 place_sigma,   yaw_sigma,        height_sigma, surveyed,
+                                 device_sigma,  known_bias_sigma, shared_sigma, assumed_clock,
+                                 lasting_sigma, level_information};
           },
           "nlos_odds"_a, "range_weight"_a, "step_sigma"_a, "about"_a, "place_sigma"_a, "yaw_sigma"_a,
           "height_sigma"_a, "surveyed"_a, "device_sigma"_a, "known_bias_sigma"_a, "shared_sigma"_a,
-          "assumed_clock"_a, "lasting_sigma"_a = Column());
+          "assumed_clock"_a, "lasting_sigma"_a, "level_information"_a);
 
   nb::class_<WalkSolver>(m, "WalkSolver")
       .def(

@@ -80,6 +80,7 @@ WalkNoise kept_noise(const WalkNoise& noise, const KeptRows& rows, const Walks& 
   out.nlos_odds = noise.nlos_odds(rows.ranges);
   out.range_weight = noise.range_weight(rows.ranges);
   out.step_sigma = noise.step_sigma(rows.keyframes, all);
+  out.level_information = noise.level_information(rows.keyframes);
   out.about.resize(its_walks.users, 4);
   for (int u = 0; u < its_walks.users; ++u) {
     const int whole = rows.users[static_cast<size_t>(u)];

@@ -12,6 +12,7 @@ WalkLayout::WalkLayout(Walks walks) : walks_(std::move(walks)) {
   user_.resize(count);
   keyframe_.resize(static_cast<size_t>(count));
   device_.resize(static_cast<size_t>(walks_.users));
+  own_height_.resize(static_cast<size_t>(walks_.users));
   lasting_.resize(static_cast<size_t>(walks_.follows.size()));
   std::vector<int> moving, standing;
   for (int u = 0; u < walks_.users; ++u) {
@@ -51,6 +52,9 @@ void WalkLayout::place_border(const std::vector<int>& standing) {
   for (Where& at : device_) at = in_border(3);
   shared_calibration_ = in_border(3);
   mean_height_ = in_border(1);
+  for (int u = 0; u < walks_.users; ++u) {
+    if (walks_.first[u + 1] - walks_.first[u] > 1) own_height_[static_cast<size_t>(u)] = in_border(1);
+  }
 }
 
 // A lasting error is in the group of the later end of its first range.
@@ -95,6 +99,13 @@ void WalkLayout::connect_all() {
 double WalkLayout::height_by_scale(Eigen::Index keyframe, const WalkStates& states) const {
   if (this->keyframe(keyframe).group >= 0) return 0.0;
   return std::exp(states.calibration(user_[keyframe], 0)) * walks_.slam(keyframe, 2);
+}
+
+std::pair<Where, double> WalkLayout::height(Eigen::Index keyframe, const WalkStates& states) const {
+  Where at = this->keyframe(keyframe);
+  if (at.group < 0) return {device(user_[keyframe]), height_by_scale(keyframe, states)};
+  at.offset += 2;
+  return {at, 1.0};
 }
 
 }  // namespace synchronizar

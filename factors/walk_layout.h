@@ -5,6 +5,7 @@
 // a border of what all groups share, which are calibrations and users with one keyframe.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "factors/walks.h"
@@ -30,6 +31,8 @@ class WalkLayout {
 
   const Where& keyframe(Eigen::Index n) const { return keyframe_[static_cast<size_t>(n)]; }
   const Where& device(Eigen::Index user) const { return device_[static_cast<size_t>(user)]; }
+  // The height at which a device is carried; fixed, and of no consequence, where it has one keyframe.
+  const Where& own_height(Eigen::Index user) const { return own_height_[static_cast<size_t>(user)]; }
   const Where& lasting(Eigen::Index v) const { return lasting_[static_cast<size_t>(v)]; }
   const Where& shared_calibration() const { return shared_calibration_; }
   const Where& mean_height() const { return mean_height_; }
@@ -40,6 +43,9 @@ class WalkLayout {
 
   // The derivative of a keyframe's height by its device's log scale where the keyframe is fixed; else 0.
   double height_by_scale(Eigen::Index keyframe, const WalkStates& states) const;
+
+  // The variable by which a keyframe's height moves, and how far.
+  std::pair<Where, double> height(Eigen::Index keyframe, const WalkStates& states) const;
 
  private:
   int border() const { return static_cast<int>(sizes_.size()) - 1; }
@@ -52,7 +58,7 @@ class WalkLayout {
   Walks walks_;
   Numbers user_;  // (m) of each keyframe
   std::vector<int> sizes_, connected_from_;
-  std::vector<Where> keyframe_, device_, lasting_;  // (m), (k), (v)
+  std::vector<Where> keyframe_, device_, own_height_, lasting_;  // (m), (k), (k), (v)
   Where shared_calibration_, mean_height_;
 };
 

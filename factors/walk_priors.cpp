@@ -1,6 +1,7 @@
 #include "factors/walk_priors.h"
 
 #include <cmath>
+#include <utility>
 
 #include "factors/gauss_newton.h"
 
@@ -32,6 +33,15 @@ double mean_height(const Walks& walks, const WalkStates& states, const WalkNoise
     if (u != walks.reference) sum += own * height_of_origin(u, walks, states);
   }
   return sum / weight;
+}
+
+// The height at which a device is carried, and the information on it.
+std::pair<double, double> own_height(int user, const Walks& walks, const WalkStates& states,
+                                     const WalkNoise& noise) {
+  const int begin = walks.first[user], count = walks.first[user + 1] - begin;
+  const auto information = noise.level_information.segment(begin, count);
+  const double sum = information.sum();
+  return {sum > 0.0 ? information.dot(states.places.col(2).segment(begin, count)) / sum : 0.0, sum};
 }
 
 // A lasting error beside the one that it follows, over the 1 sigma of their difference.
@@ -98,6 +108,26 @@ void add_place_priors(WalkSystem& system, const WalkLayout& layout, const WalkSt
   }
 }
 
+void add_level_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
+                      const WalkNoise& noise) {
+  const Walks& walks = layout.walks();
+  for (int u = 0; u < walks.users; ++u) {
+    const Where& own_at = layout.own_height(u);
+    const auto [own, sum] = own_height(u, walks, states, noise);
+    // The variable of a device that is nowhere held to it needs a place in the matrix all the same.
+    system.add(own_at, own_at, OneByOne(sum > 0.0 ? sum : 1.0));
+    for (int n = walks.first[u]; n < walks.first[u + 1]; ++n) {
+      const auto [at, by] = layout.height(n, states);
+      const double information = noise.level_information[n],
+                   slope = information * (states.places(n, 2) - own);
+      system.add(at, at, OneByOne(by * by * information));
+      system.add(own_at, at, OneByOne(-by * information));
+      system.add_gradient(at, OneByOne(by * slope));
+      system.add_gradient(own_at, OneByOne(-slope));
+    }
+  }
+}
+
 void add_lasting_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
                         const WalkNoise& noise) {
   const Walks& walks = layout.walks();
@@ -129,6 +159,10 @@ double prior_cost(const Walks& walks, const WalkStates& states, const WalkNoise&
     sum += std::pow(states.calibration(u, 1) / noise.known_bias_sigma[u], 2);
     const double height = u == walks.reference ? 0.0 : height_of_origin(u, walks, states);
     sum += std::pow((height - (noise.surveyed[u] ? noise.about(u, 2) : mean)) / noise.height_sigma[u], 2);
+    const double own = own_height(u, walks, states, noise).first;
+    for (int n = walks.first[u]; n < walks.first[u + 1]; ++n) {
+      sum += noise.level_information[n] * std::pow(states.places(n, 2) - own, 2);
+    }
     if (u == walks.reference) continue;
     const auto off = states.places.row(walks.first[u]) - noise.about.row(u);
     sum += (off[0] * off[0] + off[1] * off[1]) / (noise.place_sigma[u] * noise.place_sigma[u]);
@@ -142,6 +176,7 @@ void add_priors(WalkSystem& system, const WalkLayout& layout, const WalkStates& 
                 const WalkNoise& noise) {
   add_calibration_priors(system, layout, states, noise);
   add_place_priors(system, layout, states, noise);
+  add_level_priors(system, layout, states, noise);
   add_lasting_priors(system, layout, states, noise);
 }
 

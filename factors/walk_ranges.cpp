@@ -81,20 +81,8 @@ Column range_residuals(const WalkLayout& layout, const WalkStates& states, const
 
 void add_bend(WalkSystem& system, const WalkLayout& layout, const WalkStates& states,
               const HeightBend& bend) {
-  // The variable by which each end's height moves, and how far.
-  const auto height_of = [&](int key) -> std::pair<Where, double> {
-    Where at = layout.keyframe(key);
-    double moves = 1.0;
-    if (at.group >= 0) {
-      at.offset += 2;
-    } else {
-      at = layout.device(layout.user(key));
-      moves = layout.height_by_scale(key, states);
-    }
-    return {at, moves};
-  };
-  const auto [i, by_i] = height_of(bend.key_i);
-  const auto [j, by_j] = height_of(bend.key_j);
+  const auto [i, by_i] = layout.height(bend.key_i, states);
+  const auto [j, by_j] = layout.height(bend.key_j, states);
   system.add(i, i, OneByOne(bend.information * by_i * by_i));
   system.add(j, j, OneByOne(bend.information * by_j * by_j));
   system.add(i, j, OneByOne(-bend.information * by_i * by_j));

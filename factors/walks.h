@@ -1,8 +1,9 @@
 // The walks of k users and their devices' calibrations, most likely given SLAM's steps, ranges and priors.
 //
 // The variables are places: of each keyframe x, y, z (m) and yaw (rad) in the common frame; of each device
-// the log scale, the bias and the clock offset; the calibration that all devices share, and the mean height
-// of the users' origins. A step between keyframes has the residual
+// the log scale, the bias and the clock offset; the calibration that all devices share, the mean height of
+// the users' origins, and the height at which each device is carried. A step between keyframes has the
+// residual
 //
 //   R(-yaw_n) (p_{n+1} - p_n)_xy / s - slam_xy,   (z_{n+1} - z_n) / s - slam_z,   yaw_{n+1} - yaw_n
 //
@@ -51,6 +52,7 @@ struct WalkNoise {
   Vector3 shared_sigma;       // of the shared one about 0
   Column assumed_clock;       // (k) s, at which the antennas were read
   Column lasting_sigma;       // (v) m, of each lasting error by itself
+  Column level_information;  // (m) 1/m^2, of each keyframe's height about that at which its device is carried
 };
 
 struct WalkStates {

@@ -172,7 +172,8 @@ class WalkNoise:
         known_bias_sigma: Array,
         shared_sigma: Array,
         assumed_clock: Array,
-        lasting_sigma: Array = ...,
+        lasting_sigma: Array,
+        level_information: Array,
     ) -> None:
         """Of ranges (n,) each; `step_sigma` (m, 3) of the step to each keyframe: in the plane, height and yaw.
 
@@ -180,7 +181,8 @@ class WalkNoise:
         `height_sigma` (k,) of origins about their mean, of `surveyed` ones about their own; `device_sigma` (k, 3) of
         calibrations about the shared one, `known_bias_sigma` (k,) of biases about 0 besides, infinite where unknown;
         `shared_sigma` (3,) of the shared one about 0; `assumed_clock` (k,) s at which antennas were read;
-        `lasting_sigma` (v,) m, of each lasting error by itself.
+        `lasting_sigma` (v,) m, of each lasting error by itself; `level_information` (m,) 1/m^2, of each keyframe's
+        height about that at which its device is carried.
         """
 
 class WalkSolver:

@@ -195,6 +195,12 @@ class PriorParameters:
     """Probability that a device starts so, and not on a robot or a stand, or in the hands of who sits: ..."""
     other_height_sigma: float = 1.0
     """m, 1 sigma: ... then it may lie so far above or below the others."""
+    level_sigma: float = 0.15
+    """m, 1 sigma: how far a device strays from the height at which it is carried, ..."""
+    level_duration: float = 5.0
+    """s: ... for about so long at a time, ..."""
+    level_dof: float = 2.0
+    """... with Student's t of so many degrees of freedom, for each device: a drone strays by metres."""
     static_height_sigma: float = 3.0
     """m: the same of a static radio, on the floor, on a shelf, under the roof."""
     highest_begin: float = 20.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -12,7 +13,7 @@ from synchronizar.arrays import Array
 from synchronizar.graph import keys
 from synchronizar.graph.pose_graph import EmWeights, PoseGraph
 from synchronizar.graph.range_factors import CalibratedUserKeys, RangeSlotFactor
-from synchronizar.graph.states import CLOCK, States
+from synchronizar.graph.states import CLOCK, SCALE, States
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class GtsamForm:
         self._add_priors(out, about, em_weights)
         for u in self.graph.drifting():
             self.add_steps(out, u, em_weights.step_weight[u])
+            self._add_level(out, u, em_weights.level_weight[u])
         self._add_ranges(out, em_weights, annealing, height_curvature)
         return out
 
@@ -120,6 +122,27 @@ class GtsamForm:
                 here, there = keys.local_height(user, n), keys.local_height(user, n + 1)
                 out.add(gtsam.BetweenFactorDouble(here, there, z, vertical))
 
+    def _add_level(self, out: gtsam.NonlinearFactorGraph, user: int, weight: float) -> None:
+        """Hold a user's keyframes to one height: sqrt(information) (exp(log scale) z - own height)."""
+        frames = self.graph.keyframes[user]
+        first, root = float(frames.place[0, 2]), np.sqrt(weight * frames.level_information)
+        local = [keys.local_height(user, n) for n in range(1, len(frames))]
+        device = [keys.calibration(user)] if self.graph.calibrations else []
+
+        def error(_: Any, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+            scale = float(np.exp(values.atVector(device[0])[SCALE])) if device else 1.0
+            heights = scale * np.array([first, *[values.atDouble(key) for key in local]])
+            if jacobians is not None:
+                jacobians[0] = -root[:, None]
+                for n in range(1, len(root)):
+                    jacobians[n] = scale * root[:, None] * (np.arange(len(root)) == n)[:, None]
+                if device:
+                    jacobians[len(root)] = (root * heights)[:, None] * (np.arange(3) == SCALE)
+            return np.asarray(root * (heights - values.atDouble(keys.own_height(user))))
+
+        unit = gtsam.noiseModel.Unit.Create(len(root))
+        out.add(gtsam.CustomFactor(unit, [keys.own_height(user), *local, *device], error))
+
     def keys(self, user: int, keyframe: int) -> CalibratedUserKeys:
         """Keys of a user at a keyframe; the reference's frame and every user's first keyframe are fixed."""
         graph = self.graph
@@ -145,7 +168,8 @@ class GtsamForm:
         frames = [key for u in graph.free for key in (keys.frame(u), keys.height(u))]
         calibrations = [keys.calibration(u) for u in graph.calibrations]
         shared = [keys.SHARED_CALIBRATION] if calibrations else []
-        return keys.ordering([*keyframes, *frames, *calibrations, *shared, keys.MEAN_HEIGHT])
+        own = [keys.own_height(u) for u in graph.drifting()]
+        return keys.ordering([*keyframes, *frames, *calibrations, *shared, keys.MEAN_HEIGHT, *own])
 
     def values(self, states: States) -> gtsam.Values:
         """The states as gtsam values."""
@@ -160,6 +184,9 @@ class GtsamForm:
             alike = np.ones((len(graph.users) + 1, 3))
             values.insert(keys.SHARED_CALIBRATION, graph.shared_calibration(states, alike))
         values.insert(keys.MEAN_HEIGHT, graph.mean_height(states.anchor_poses, np.ones(len(graph.users))))
+        for u in graph.drifting():
+            heights = np.exp(states.calibration[u, SCALE]) * states.keyframe_poses[u][:, 2]
+            values.insert(keys.own_height(u), float(np.average(heights, weights=graph.keyframes[u].level_information)))
         for u in graph.active_users:
             for n, (x, y, z, yaw) in enumerate(states.keyframe_poses[u].tolist()):
                 if n > 0:

@@ -33,6 +33,11 @@ def calibration(user: int) -> int:
     return int(gtsam.symbol("D", user))
 
 
+def own_height(user: int) -> int:
+    """Key of a double (m): the height above a user's origin at which its device is carried."""
+    return int(gtsam.symbol("O", user))
+
+
 def pose(user: int, keyframe: int) -> int:
     """Key of a Pose2: a keyframe in the axes of the user's anchor, SLAM units."""
     return int(gtsam.symbol("X", user * _MOST_KEYFRAMES + keyframe))

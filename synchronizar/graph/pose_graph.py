@@ -68,6 +68,8 @@ class EmWeights:
     row is that of the shared calibration's deviation from zero."""
     height_weight: Array
     """(k,): the same weight of each origin's height about the mean level, and of each surveyed radio's place."""
+    level_weight: Array
+    """(k,): the same weight of how far each device strays from the height at which it is carried."""
 
 
 class CalibrationPriors(NamedTuple):
@@ -342,6 +344,7 @@ class PoseGraph:
             common / weight[-1],
             self.assumed_clock[users],
             self.lasting_sigma,
+            np.concatenate([em_weights.level_weight[u] * self.keyframes[u].level_information for u in users]),
         )
 
     @property
@@ -393,7 +396,7 @@ class PoseGraph:
         first = prior_range_weights(self.measurements, self.parameters)
         k = len(self.users)
         own = np.ones(len(self.measurements))
-        return EmWeights(self.measurements.nlos_odds, own, first, weights, np.ones((k + 1, 3)), np.ones(k))
+        return EmWeights(self.measurements.nlos_odds, own, first, weights, np.ones((k + 1, 3)), np.ones(k), np.ones(k))
 
     def e_step(self, states: States, before: EmWeights) -> tuple[EmWeights, float]:
         """EM weights re-estimated at these states, and the states' negative log likelihood.
@@ -410,8 +413,9 @@ class PoseGraph:
         cost += self._cost_of_lasting(states)
         calibration_weight, tail = self._calibration_weights(states, before)
         height_weight, of_heights = self.height_weights(states.anchor_poses)
-        after = EmWeights(odds, own, before.range_weight, weights, calibration_weight, height_weight)
-        return after, cost + tail + of_heights
+        level_weight, of_levels = self.level_weights(states)
+        after = EmWeights(odds, own, before.range_weight, weights, calibration_weight, height_weight, level_weight)
+        return after, cost + tail + of_heights + of_levels
 
     def _cost_of_lasting(self, states: States) -> float:
         if self.lasting is None:
@@ -484,6 +488,18 @@ class PoseGraph:
         of_places = (off_places**2).sum(axis=1) / self.survey_sigma[surveyed] ** 2
         weight[surveyed], of_survey = _student(of_places, self.parameters.priors.survey_dof, 3)
         return weight, cost + of_survey
+
+    def level_weights(self, states: States) -> tuple[Array, float]:
+        """Weights (k,) of how far devices stray from the heights at which they are carried, and their cost."""
+        squares, independent = np.zeros(len(self.users)), np.zeros(len(self.users))
+        scale, priors = np.exp(states.calibration[:, SCALE]), self.parameters.priors
+        for u in self.active_users:
+            keyframes = self.keyframes[u]
+            if len(keyframes) > 1:
+                information, height = keyframes.level_information, scale[u] * states.keyframe_poses[u][:, 2]
+                squares[u] = information @ (height - information @ height / information.sum()) ** 2
+                independent[u] = min((keyframes.t[-1] - keyframes.t[0]) / priors.level_duration, len(keyframes))
+        return _student(squares, priors.level_dof, independent)
 
     @property
     def _on_level(self) -> list[int]:
@@ -585,7 +601,7 @@ def calibration_dof(parameters: Parameters) -> Array:
     return np.array([parameters.devices.scale_dof, parameters.devices.bias_dof, parameters.devices.clock_dof])
 
 
-def _student(squares: Array, freedom: Array | float, dimension: int) -> tuple[Array, float]:
+def _student(squares: Array, freedom: Array | float, dimension: Array | float) -> tuple[Array, float]:
     """Weights of Student's t as a scale mixture of normals at squared whitened errors, and its negative log likelihood.
 
     With f = freedom + dimension the weight is f / (f + e^2), the cost 0.5 f log(1 + e^2 / f). Its curvature at 0 is

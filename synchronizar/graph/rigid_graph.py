@@ -79,7 +79,7 @@ class RigidGraph(PoseGraph):
 
     def _weights(self, nlos_odds: Array) -> EmWeights:
         k, ones = len(self.users), np.ones(len(nlos_odds))
-        return EmWeights(nlos_odds, ones, ones, [np.ones(0)] * k, np.ones((k + 1, 3)), np.ones(k))
+        return EmWeights(nlos_odds, ones, ones, [np.ones(0)] * k, np.ones((k + 1, 3)), np.ones(k), np.ones(k))
 
     def with_range_weights(self, states: States, em_weights: EmWeights) -> EmWeights:  # noqa: ARG002 - the face of PoseGraph
         """The same: each range counts as one."""

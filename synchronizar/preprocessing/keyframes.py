@@ -34,6 +34,8 @@ class Keyframes:
     """(n - 1,) s: boundaries between the slots of consecutive keyframes."""
     rebuilt: Mask
     """(n - 1,) whether a step was rebuilt or lost gravity, so that its sigma is not SLAM's."""
+    level_information: Array
+    """(n,) 1/m^2: how well it is known that the device is at the height at which it is carried, in metres."""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -53,7 +55,7 @@ class Keyframes:
 
 def standing_at(place: Array) -> Keyframes:
     """One keyframe for all times, at a position (3,) m."""
-    return Keyframes(np.zeros(1), place[None], np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+    return Keyframes(np.zeros(1), place[None], np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(1))
 
 
 STATIC_KEYFRAME = standing_at(np.zeros(3))
@@ -97,7 +99,27 @@ def keyframes_of(
     metres = np.where(jumped, min(parameters.slam.jump_sigma_m, unit * of_metres), metres)
     radians = np.where(jumped, min(parameters.slam.jump_sigma_rad, of_radians), radians)
     sigma = np.maximum(np.column_stack([metres, metres, radians]), _LEAST_SIGMA) / [unit, unit, 1.0]
-    return Keyframes(track.t[at], track.position[at], sigma, _midpoints(due), jumped | lost)
+    level = _level_information(track.t[at], unit * track.position[at, 2], parameters)
+    return Keyframes(track.t[at], track.position[at], sigma, _midpoints(due), jumped | lost, level)
+
+
+def _level_information(t: Array, height: Array, parameters: Parameters) -> Array:
+    """(n,) 1/m^2, of keyframes at t (n,) s where SLAM has heights (n,) m.
+
+    Whoever walks on one floor stays about as high all along, while SLAM's heights drift. A deviation lasts for
+    `level_duration`, so that all keyframes of such a time count as one. Where SLAM has the device go up and down
+    within that time it does so: drift is slower.
+    """
+    priors = parameters.priors
+    reach = priors.level_duration
+    begin, end = np.searchsorted(t, t - reach), np.searchsorted(t, t + reach, side="right")
+    beside = height - height.mean()
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.column_stack([beside, beside**2]), axis=0)])
+    mean, square = ((sums[end] - sums[begin]) / (end - begin)[:, None]).T
+    moves = np.maximum(square - mean**2, 0.0)
+    half = 0.5 * np.diff(t)
+    stands = np.concatenate([[0.0], half]) + np.concatenate([half, [0.0]])
+    return np.asarray(np.minimum(stands / priors.level_duration, 1.0) / (priors.level_sigma**2 + moves))
 
 
 def _keyframe_rows(t: Array, begin: int, end: int, interval: float) -> tuple[Indices, Array]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 from synchronizar.arrays import Array
-from synchronizar.data.registration import State
+from synchronizar.data.registration import Registration, State
 from synchronizar.estimation.register import register
 from synchronizar.graph.marginals import _sigma_of_quartic
 from synchronizar.graph.pose_graph import PoseGraph
@@ -97,3 +98,44 @@ def test_where_many_devices_are_held_otherwise_each_is_registered_at_its_height(
         assert user.state is State.REGISTERED
         assert user.common_from_user is not None
         assert abs(user.common_from_user.z - (to_common @ simulation.world_from_user[name]).z) < 0.15
+
+
+def last_height(registration: Registration, name: str) -> float:
+    """m above the reference."""
+    tracks = [registration.users[who].common_track for who in (name, registration.reference)]
+    own, reference = (track.position[-1, 2] for track in tracks if track is not None)
+    return float(own - reference)
+
+
+def test_whose_slam_drifts_in_height_stays_as_high_as_one_is_on_one_floor() -> None:
+    """Beside a model that does not know that people stay on one floor."""
+    free = MODEL.changed(priors={"level_sigma": 100.0})
+    off: dict[str, list[float]] = {"level": [], "free": []}
+    drift = {"drift_m_per_sqrt_s": 0.04, "drift_rad_per_sqrt_s": 0.02}
+    for seed in range(8):
+        simulation = simulate(Scene(users=2, seconds=60.0, seed=seed, **drift))
+        true = simulation.truth["phone1"].position[-1, 2] - simulation.truth["phone0"].position[-1, 2]
+        for which, parameters in (("level", MODEL), ("free", free)):
+            registration = register(simulation.recording, reference="phone0", parameters=parameters)
+            off[which].append(last_height(registration, "phone1") - true)
+    assert np.linalg.norm(off["level"]) < 0.8 * np.linalg.norm(off["free"])
+
+
+@pytest.mark.parametrize("rises", [0.8, 1.5])
+def test_who_walks_up_a_ramp_is_not_held_to_one_height(rises: float) -> None:
+    simulation = simulate(Scene(users=3, seconds=40.0, seed=2, drift_m_per_sqrt_s=0.02, drift_rad_per_sqrt_s=0.01))
+    recording, truth = simulation.recording, dict(simulation.truth)
+    tracks = dict(recording.tracks)
+    for of in (tracks, truth):
+        track = of["phone1"]
+        up = np.outer((track.t - track.t[0]) / 40.0, [0.0, 0.0, rises])
+        of["phone1"] = replace(track, position=track.position + up)
+    ranges, random = recording.ranges, np.random.default_rng(0)
+    places = {name: truth[name].at(ranges.t, np.inf).position for name in truth}
+    names = [user.name for user in recording.users]
+    ends = [np.array([places[names[u]][n] for n, u in enumerate(of)]) for of in (ranges.a, ranges.b)]
+    distance = np.linalg.norm(ends[0] - ends[1], axis=1) + random.normal(0.0, 0.1, len(ranges))
+    there = replace(recording, tracks=tracks, ranges=replace(ranges, distance=distance))
+    registration = register(there, reference="phone0")
+    true = truth["phone1"].position[-1, 2] - truth["phone0"].position[-1, 2]
+    assert abs(last_height(registration, "phone1") - true) < 0.15

@@ -146,6 +146,13 @@ def height_cost(graph: PoseGraph, states: States) -> float:
     return float(0.5 * heights @ np.linalg.solve(covariance, heights))
 
 
+def straying(graph: PoseGraph, states: States, user: int) -> float:
+    """Squared sigmas by which a device strays from the height at which it is most likely carried."""
+    information = graph.keyframes[user].level_information
+    heights = np.exp(states.calibration[user, 0]) * states.keyframe_poses[user][:, 2]
+    return float(information @ (heights - np.average(heights, weights=information)) ** 2)
+
+
 def step_errors(graph: PoseGraph, states: States, user: int) -> Array:
     """(m - 1, 4) sigmas: x, y, heading by gtsam's own difference of two poses, and height."""
     out, keyframes = [], graph.keyframes[user]
@@ -170,13 +177,15 @@ def test_the_graphs_error_is_the_sum_of_its_parts(annealing: float) -> None:
         [random.uniform(0.3, 1.5, len(k.step_sigma)) for k in graph.keyframes],
         np.ones((4, 3)),
         np.ones(3),
+        random.uniform(0.1, 1.0, 3),
     )
     found = GtsamForm(graph).factors(states.anchor_poses, em_weights, annealing).error(GtsamForm(graph).values(states))
     whitened = graph.residuals(states) / graph.sigma / annealing
     ranges = annealing**2 * mixture_terms(whitened, graph.sigma, em_weights.nlos_odds, nlos_mixture(MODEL))[0]
     slam = [0.5 * float(em_weights.step_weight[u] @ (step_errors(graph, states, u) ** 2).sum(axis=1)) for u in range(3)]
     worth = em_weights.own_probability * em_weights.range_weight
-    expected = float(worth @ ranges) + sum(slam) + prior_cost(graph, states)
+    level = [0.5 * float(em_weights.level_weight[u]) * straying(graph, states, u) for u in range(3)]
+    expected = float(worth @ ranges) + sum(slam) + sum(level) + prior_cost(graph, states)
     assert found == pytest.approx(expected, rel=1e-10)
 
 
@@ -211,6 +220,12 @@ def test_the_judged_cost_is_that_of_bursts_of_students_steps_and_of_the_priors()
     heights = states.anchor_poses[:, 2]
     np.testing.assert_array_equal(em_weights.height_weight, np.ones(3))
     expected += ((heights - heights.mean()) ** 2).sum() / MODEL.priors.height_sigma**2
+    for u in range(3):
+        t = graph.keyframes[u].t
+        tail = MODEL.priors.level_dof + (t[-1] - t[0]) / MODEL.priors.level_duration
+        square = straying(graph, states, u)
+        assert em_weights.level_weight[u] == pytest.approx(tail / (tail + square), rel=1e-10)
+        expected += 0.5 * tail * np.log1p(square / tail)
     assert cost == pytest.approx(expected, rel=1e-10)
     np.testing.assert_array_equal(em_weights.range_weight, before.range_weight)
 
@@ -223,7 +238,7 @@ def test_students_steps_are_a_mixture_of_gaussian_ones() -> None:
 
     def cost(sigmas: float) -> tuple[float, float]:
         keyframe_poses = [of_user.copy() for of_user in states.keyframe_poses]
-        keyframe_poses[1][3:, 2] += sigmas * keyframes.step_sigma[2, 1]
+        keyframe_poses[1][3:, 0] += sigmas * keyframes.step_sigma[2, 0]
         em_weights, cost = graph.e_step(states._replace(keyframe_poses=keyframe_poses), graph.initial_em_weights())
         ranges = graph.measurements
         for pair in pairs(ranges):

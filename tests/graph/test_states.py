@@ -27,7 +27,7 @@ seeds = pytest.mark.parametrize("seed", range(5))
 
 def keyframes_of(t: Array, place: Array, step_sigma: Array | None = None) -> Keyframes:
     sigma = np.ones((len(t) - 1, 3)) if step_sigma is None else step_sigma
-    return Keyframes(t, place, sigma, 0.5 * (t[1:] + t[:-1]), np.zeros(len(t) - 1, dtype=bool))
+    return Keyframes(t, place, sigma, 0.5 * (t[1:] + t[:-1]), np.zeros(len(t) - 1, dtype=bool), np.zeros(len(t)))
 
 
 def keyframes_at(t: Array, random: np.random.Generator) -> Keyframes:

@@ -75,6 +75,7 @@ def states_of(graph: PoseGraph, seed: int = 0, far: float = 0.3) -> tuple[States
         weights,
         random.uniform(0.5, 1.0, (k + 1, 3)),
         random.uniform(0.5, 1.0, k),
+        random.uniform(0.5, 1.0, k),
     )
 
 
@@ -204,7 +205,7 @@ def test_covariances_are_those_of_the_whole_graph_in_gtsam(kind: str, reference:
 
     columns, h = [], 1e-6
     for key in [ordering.at(n) for n in range(ordering.size())]:
-        for axis in np.eye(1 if chr(gtsam.symbolChr(key)) in "HZL" else 3):
+        for axis in np.eye(1 if chr(gtsam.symbolChr(key)) in "HZLO" else 3):
             ends = []
             for side in (h, -h):
                 step = gtsam.VectorValues()

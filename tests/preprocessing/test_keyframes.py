@@ -170,6 +170,7 @@ def test_the_anchor_is_the_first_place_at_the_height_of_the_origin() -> None:
         np.ones((1, 3)),
         np.array([0.5]),
         np.zeros(1, dtype=bool),
+        np.zeros(2),
     )
     np.testing.assert_array_equal(keyframes.anchor, [1.0, 2.0, 0.0])
     np.testing.assert_array_equal(STATIC_KEYFRAME.anchor, np.zeros(3))
@@ -344,3 +345,37 @@ def test_the_yaw_of_an_attitude_is_what_the_shortest_tilt_leaves(yaw: float, til
     q = np.array([[x * c + y * s, y * c - x * s, w * s, w * c]])
     for sign in (1.0, -1.0):
         assert yaw_of_quaternions(sign * q)[0] == pytest.approx(yaw, abs=1e-9)
+
+
+# ---- how level a walk is ----
+
+
+def test_a_level_walk_counts_as_one_height_for_each_time_that_a_deviation_lasts() -> None:
+    t = np.arange(0.0, 60.05, 0.1)
+    keyframes = keyframes_of(repaired_tracks(straight(t)), 1.0, MODEL)
+    p = MODEL.priors
+    assert keyframes.level_information.sum() == pytest.approx(60.0 / p.level_duration / p.level_sigma**2, rel=1e-3)
+    assert (STATIC_KEYFRAME.level_information == 0.0).all()
+
+
+def test_where_slam_has_a_device_go_up_and_down_it_is_not_held_to_one_height() -> None:
+    t = np.arange(0.0, 60.05, 0.1)
+    waved = straight(t)
+    position = waved.position.copy()
+    position[:, 2] += np.where(t < 20.0, 0.5 * np.sin(2.0 * t), 0.0)
+    level = keyframes_of(repaired_tracks(replace(waved, position=position)), 1.0, MODEL).level_information
+    usual = keyframes_of(repaired_tracks(waved), 1.0, MODEL).level_information
+    # The variance of a sine of 0.5 m.
+    share = MODEL.priors.level_sigma**2 / (MODEL.priors.level_sigma**2 + 0.5**3)
+    np.testing.assert_allclose(level[5:15] / usual[5:15], share, rtol=0.2)
+    np.testing.assert_allclose(level[26:] / usual[26:], 1.0, rtol=1e-9)
+
+
+def test_a_tracks_unit_does_not_change_how_level_it_is() -> None:
+    t = np.arange(0.0, 30.05, 0.1)
+    metres = straight(t)
+    waved = replace(metres, position=metres.position + np.outer(np.sin(t), [0.0, 0.0, 0.2]))
+    centimetres = replace(waved, position=100.0 * waved.position)
+    usual = keyframes_of(repaired_tracks(waved), 1.0, MODEL).level_information
+    found = keyframes_of(repaired_tracks(centimetres), 1.0, MODEL, unit=0.01).level_information
+    np.testing.assert_allclose(found, usual, rtol=1e-9)
