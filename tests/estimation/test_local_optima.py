@@ -87,10 +87,13 @@ def test_errors_of_either_sign_that_are_larger_than_noise_are_not_taken_for_nlos
 def test_errors_that_are_larger_than_noise_count_for_less_where_many_ranges_are_nlos(
     late_share: float, low: float, high: float
 ) -> None:
-    simulation = simulate(replace(WALK, seed=1, sigma=0.17, late_share=late_share))
-    told, untold = with_measured_weights(at_truth(simulation, 0.17)), with_measured_weights(at_truth(simulation))
-    information = [float((o.em_weights.range_weight / o.graph.sigma**2).mean()) for o in (told, untold)]
-    assert low < information[1] / information[0] < high
+    ratios = []
+    for seed in range(5):
+        simulation = simulate(replace(WALK, seed=seed, sigma=0.17, late_share=late_share))
+        told, untold = with_measured_weights(at_truth(simulation, 0.17)), with_measured_weights(at_truth(simulation))
+        information = [float((o.em_weights.range_weight / o.graph.sigma**2).mean()) for o in (told, untold)]
+        ratios.append(information[1] / information[0])
+    assert low < np.median(ratios) < high
 
 
 @pytest.mark.parametrize("seed", range(3))
