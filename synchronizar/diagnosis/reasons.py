@@ -28,6 +28,9 @@ CAUSES = (
 """What keeps a user from being registered, the gravest first."""
 CONTRADICTS = (Code.SWAPPED_RADIOS,)
 """What leaves no doubt that a user is not where a solution has it; where it is the reference's, nobody is."""
+SPOILS_TRACK = (Code.TRACK_UNIT, Code.UP_AXIS, Code.OPTICAL_AXES)
+"""What leaves a track's lengths or directions wrong. A reference that somebody is registered beside is held to be right
+all the same: a solution may have found its scale."""
 CUTS_OFF = (Code.TIME_UNIT, Code.TIME_OVERLAP, Code.NO_RANGES, Code.RANGE_UNIT, Code.SWAPPED_RADIOS, Code.SPARSE_POSES)
 """What leaves a user without a usable range."""
 OF_ALL = (Code.TIME_UNIT, Code.NO_RANGES, Code.CLOCK, Code.RANGE_UNIT)
@@ -37,16 +40,21 @@ OF_ALL = (Code.TIME_UNIT, Code.NO_RANGES, Code.CLOCK, Code.RANGE_UNIT)
 def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Registration:
     """The registration with its findings, which stand before the reasons of users that are not registered.
 
-    Who carries another's radio is not where the solution has it. Of a user that is disconnected only what leaves it, or
-    the reference, without ranges explains it.
+    Who carries another's radio is not where the solution has it. A reference whose own track a finding contradicts is
+    not registered where nobody is beside it. Of a user that is disconnected only what leaves it, or the reference,
+    without ranges explains it.
     """
     reference = registration.reference
     users = {}
     doubted = {name for f in findings if f.code in CONTRADICTS for name in (f.user, *f.others)}
+    registered = {name for name, user in registration.users.items() if user.state is State.REGISTERED}
+    alone = registered == {reference}
     for name, user in registration.users.items():
         if user.state is State.REGISTERED and not doubted.isdisjoint((name, reference)):
             own = "its place" if name in doubted else "its place beside the reference"
             user = replace(user, state=State.UNOBSERVABLE, reason=f"{own} is that of another radio")
+        if name == reference and alone and _cause(findings, name, SPOILS_TRACK) is not None:
+            user = replace(user, state=State.UNOBSERVABLE, reason="nobody is placed beside it")
         if user.state is State.DISCONNECTED:
             cause, of_reference = (_cause(findings, who, CUTS_OFF) for who in (name, reference))
             if cause is not None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import pytest
+from support.mistakes import Y_UP, of_tracks, turned
 
 import synchronizar as sz
 from synchronizar.data.findings import Code
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
+from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame
 from synchronizar.simulation.simulate import Scene, simulate
 
@@ -73,6 +76,29 @@ def test_a_track_that_has_nothing_to_do_with_the_ranges_registers_nobody(seed: i
     wrong = replace(other, t=mine.t[:n], position=other.position[:n], quat_xyzw=other.quat_xyzw[:n])
     found = sz.register(replace(walk, tracks={**walk.tracks, "phone1": wrong}))
     assert found.users["phone1"].state is not State.REGISTERED
+
+
+@pytest.mark.parametrize("model", BOTH)
+@pytest.mark.parametrize(
+    ("mistake", "code"),
+    [
+        (lambda track: replace(track, position=1000.0 * track.position), Code.TRACK_UNIT),
+        (lambda track: turned(track, Y_UP), Code.UP_AXIS),
+    ],
+    ids=["millimetres", "y up"],
+)
+def test_a_reference_whose_lengths_or_axes_are_wrong_is_not_registered_where_nobody_is(
+    mistake: Callable[[Track], Track], code: Code, model: Model
+) -> None:
+    found = sz.register(of_tracks(mistake, ("phone0",))(WALK.recording), model=model)
+    assert [(f.code, f.user) for f in found.findings] == [(code, "phone0")]
+    assert State.REGISTERED not in {user.state for user in found.users.values()}
+    assert found.users["phone0"].reason.startswith(found.findings[0].message)
+
+
+def test_a_reference_stays_registered_where_anothers_lengths_are_wrong() -> None:
+    found = sz.register(of_tracks(lambda t: replace(t, position=1000.0 * t.position), ("phone1",))(WALK.recording))
+    assert found.users["phone0"].state is State.REGISTERED
 
 
 def test_who_carries_anothers_radio_does_not_lead_the_others_astray() -> None:
