@@ -8,10 +8,11 @@ from itertools import combinations
 
 import numpy as np
 
+from synchronizar.arrays import Array
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.diagnosis.pair_fits import Groups, PairFits, fit_pairs
-from synchronizar.parameters import Parameters
+from synchronizar.parameters import DiagnosisParameters, Parameters
 
 
 def swapped_radio_findings(recording: Recording, in_metres: PairFits, parameters: Parameters) -> list[Finding]:
@@ -26,9 +27,10 @@ def swapped_radio_findings(recording: Recording, in_metres: PairFits, parameters
         return []
     best: tuple[float, int, int, float, float] | None = None
     for u, v in combinations(taking_part, 2):
-        affected = ((users == u).any(axis=1) ^ (users == v).any(axis=1)) & np.isfinite(spread)
+        theirs = (users == u).any(axis=1) ^ (users == v).any(axis=1)
+        affected, others = theirs & np.isfinite(spread), ~theirs & np.isfinite(spread)
         before = float(np.median(spread[affected])) if affected.any() else 0.0
-        if affected.sum() < limits.fewest_stretches or before < limits.misfit:
+        if affected.sum() < limits.fewest_stretches or before < _misfit(spread[others], limits):
             continue
         of = Groups(users[affected], groups.row[affected], groups.there[affected])
         exchanged = fit_pairs(recording, of, parameters, free=False, swapped=(u, v)).spread
@@ -52,6 +54,14 @@ def swapped_radio_findings(recording: Recording, in_metres: PairFits, parameters
             (other,),
         )
     ]
+
+
+def _misfit(others: Array, limits: DiagnosisParameters) -> float:
+    """How far (m) ranges are from fitting if radios are exchanged, by the fits of those that stay the same (n,).
+
+    Good radios in a small room fit to centimetres even where they are exchanged, only not as well as the others.
+    """
+    return min(limits.misfit, float(np.median(others)) / limits.misfit_left) if len(others) else limits.misfit
 
 
 def without_swapped_radios(recording: Recording, found: Sequence[Finding]) -> Recording:

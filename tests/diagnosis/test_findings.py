@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.mistakes import MISTAKES, Mistake, of_ranges
+from support.mistakes import MISTAKES, Mistake, of_ranges, swapped
 from support.paths import SHARED
 
 from synchronizar.data.findings import Code, Finding, finding_json
@@ -67,6 +67,13 @@ def test_a_mistake_is_told_as_what_it_is_and_as_nothing_else(mistake: Mistake, s
 def test_nothing_is_told_of_fifty_clean_walks(settings: dict[str, Any], seed: int) -> None:
     scene = Scene(**({"users": 3, "seconds": 12.0, "seed": seed} | settings))
     assert findings_of(simulate(scene).recording, Parameters()) == []
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_exchanged_radios_are_told_where_a_small_room_lets_their_ranges_fit_to_a_decimetre(seed: int) -> None:
+    room = simulate(Scene(users=4, area=2.0, speed=0.2, sigma=0.03, seconds=60.0, seed=seed)).recording
+    assert told(findings_of(swapped(room), Parameters())) == {("swapped-radios", "phone0")}
+    assert findings_of(room, Parameters()) == []
 
 
 def test_nothing_is_told_of_a_clean_walk_with_y_up_that_says_so(tmp_path: Any) -> None:
