@@ -19,9 +19,10 @@ class InputError(ValueError):
 
 
 @contextmanager
-def os_faults(path: Path) -> Iterator[None]:
-    """Context in which an OSError is raised as an InputError that names `path`."""
+def os_faults(path: Path, remedy: str = "") -> Iterator[None]:
+    """Context in which an OSError is raised as an InputError that names `path`, and what to do, where that is known."""
     try:
         yield
     except OSError as error:
-        raise InputError(path, error.strerror or str(error)) from error
+        fault = error.strerror or str(error)
+        raise InputError(path, f"{fault}; {remedy}" if remedy else fault) from error

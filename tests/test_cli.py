@@ -501,7 +501,27 @@ def test_a_recording_without_truth_cannot_be_evaluated(
 ) -> None:
     recording = Path(shutil.copytree(walk, tmp_path / "walk", ignore=shutil.ignore_patterns("truth")))
     assert main(["evaluate", str(recording), str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f"synchronizar: {recording / 'truth'}: No such file or directory\n"
+    err = capsys.readouterr().err
+    assert_one_line(err)
+    assert err.startswith(f"synchronizar: {recording / 'truth'}: No such file or directory; errors are told where")
+
+
+def test_what_is_not_there_is_told_with_the_command_that_makes_it(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, nowhere = tmp_path / "walk.bag", tmp_path / "nowhere"
+    bag.touch()
+    for argv, remedy in (
+        (["register", bag], "`synchronizar convert` makes one"),
+        (["check", tmp_path], "`synchronizar convert` makes one"),
+        (["plot", walk, nowhere], f"`synchronizar register RECORDING --out {nowhere}` writes it"),
+        (["evaluate", walk, nowhere], f"`synchronizar register {walk} --out {nowhere}` writes it"),
+        (["register", walk, "--reference", "bob"], "there are phone0, phone1"),
+    ):
+        assert main([str(word) for word in argv]) == 2
+        err = capsys.readouterr().err
+        assert_one_line(err)
+        assert remedy in err
 
 
 def test_the_truth_is_not_read_by_register_or_plot(walk: Path, tmp_path: Path) -> None:

@@ -24,6 +24,8 @@ from synchronizar.preprocessing.suspect_poses import without_suspect_poses
 from synchronizar.progress import Progress, unheard
 from synchronizar.threads import one_blas_thread
 
+_NAMED = 12  # users, in a message
+
 
 @one_blas_thread()
 def register(
@@ -89,7 +91,8 @@ def reference_of(recording: Recording, name: str | None, parameters: Parameters)
     try:
         user = recording.index(name)
     except KeyError:
-        raise InputError("--reference", f"there is no user '{name}'") from None
+        names = ", ".join([other.name for other in recording.users if not other.static][:_NAMED])
+        raise InputError("--reference", f"there is no user '{name}'; there are {names}") from None
     if recording.users[user].static:
         raise InputError("--reference", f"'{name}' is a static radio: it has no heading for the common frame")
     return user

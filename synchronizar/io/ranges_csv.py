@@ -150,11 +150,17 @@ def _header(path: Path, file: TextIO) -> tuple[list[str], int]:
             continue
         header = [name.strip() for name in _split_line(path, line, number)]
         if missing := [name for name in REQUIRED if name not in header]:
-            raise InputError(path, f"the header needs {','.join(REQUIRED)}; it lacks {','.join(missing)}", number)
+            raise InputError(path, _lacks(missing, line), number)
         if twice := [name for name in REQUIRED + OPTIONAL if header.count(name) > 1]:
             raise InputError(path, f"the header has {twice[0]} more than once", number)
         return header, number
     raise InputError(path, f"is empty: it needs a header with {','.join(REQUIRED)}")
+
+
+def _lacks(missing: Sequence[str], line: str) -> str:
+    """What is wrong with a header, which is shown where it has nothing of what it needs."""
+    fault = f"the header needs {','.join(REQUIRED)}, separated by commas; it lacks {','.join(missing)}"
+    return fault if len(missing) < len(REQUIRED) else f"{fault}: it is {quoted(line.strip())}"
 
 
 def _chunk(path: Path, header: list[str], texts: list[str], first_line: int) -> _Chunk:

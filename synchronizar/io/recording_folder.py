@@ -13,16 +13,20 @@ from synchronizar.io.text import is_name, quoted
 from synchronizar.io.tum import read_tum, write_tum
 from synchronizar.io.unread import unknown_column_findings
 
+REMEDY = (
+    "a recording is a folder with tracks/<user>.tum and ranges.csv: `synchronizar convert` makes one of other formats"
+)
+
 
 def load_recording(folder: Path) -> Recording:
     """The recording in a folder. Raises InputError as `Recording.load` does."""
     toml = folder / "recording.toml"
-    entries = entries_of(folder)
+    entries = entries_of(folder, REMEDY)
     settings = read_recording_toml(toml) if toml in entries else Settings()
     files = track_files(folder / "tracks") if folder / "tracks" in entries else {}
     users = {name: User(name, up=settings.up) for name in files} | dict(settings.users)
     if not users:
-        raise InputError(folder, "is not a recording: it has no tracks/<user>.tum")
+        raise InputError(folder, f"is not a recording: it has no tracks/<user>.tum; {REMEDY}")
     for user in users.values():
         if user.static and user.name in files:
             raise InputError(files[user.name], f"{user.name} is static in {toml.name} and cannot have a track")
@@ -58,9 +62,9 @@ def is_recording(folder: Path) -> bool:
         return (folder / "ranges.csv").is_file() and (folder / "tracks").is_dir()
 
 
-def entries_of(folder: Path) -> list[Path]:
-    """Entries of a folder, sorted by name."""
-    with os_faults(folder):
+def entries_of(folder: Path, remedy: str = "") -> list[Path]:
+    """Entries of a folder, sorted by name. Raises InputError, with the remedy, where it cannot be read."""
+    with os_faults(folder, remedy):
         return sorted(folder.iterdir())
 
 

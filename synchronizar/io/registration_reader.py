@@ -52,7 +52,7 @@ def read_registration(
     registered. Raises InputError where a file cannot be read, is broken, or is about another recording.
     """
     file = folder / "registration.json"
-    with os_faults(file):
+    with os_faults(file, f"`synchronizar register RECORDING --out {folder}` writes it"):
         text = file.read_bytes()
     try:
         values = json.loads(text)

@@ -120,9 +120,11 @@ def _first_malformed(path: Path) -> InputError:
     for number, values in _data_lines(path):
         if len(values) != COLUMNS:
             return InputError(
-                path, f"a pose has {COLUMNS} numbers, t x y z qx qy qz qw; here are {len(values)}", number
+                path,
+                f"a pose has {COLUMNS} numbers, t x y z qx qy qz qw, separated by spaces; here are {len(values)}",
+                number,
             )
         for value in values:
             if not is_number(value):
-                return InputError(path, f"{quoted(value)} is not a number", number)
+                return InputError(path, f"{quoted(value)} is not a number; a comment begins with #", number)
     return InputError(path, "is not a track")

@@ -107,10 +107,12 @@ def evaluate_folder(recording: Path, out: Path) -> Evaluation:
     InputError where there is no truth, no folder `out`, or a file that cannot be used.
     """
     settings = recording / "recording.toml"
-    truth = read_tracks(recording / "truth", read_recording_toml(settings) if settings.exists() else Settings())
+    told = read_recording_toml(settings) if settings.exists() else Settings()
+    truth = read_tracks(recording / "truth", told, "errors are told where a recording has truth/<user>.tum")
     if not truth:
         raise InputError(recording / "truth", "holds no truth to compare with")
-    return evaluate(read_tracks(out), truth, _reference(out / "registration.json", truth))
+    own = read_tracks(out, remedy=f"`synchronizar register {recording} --out {out}` writes it")
+    return evaluate(own, truth, _reference(out / "registration.json", truth))
 
 
 def evaluation_json(e: Evaluation) -> dict[str, object]:
@@ -127,14 +129,15 @@ def evaluation_json(e: Evaluation) -> dict[str, object]:
     }
 
 
-def read_tracks(folder: Path, settings: Settings | None = None) -> dict[str, Track]:
+def read_tracks(folder: Path, settings: Settings | None = None, remedy: str = "") -> dict[str, Track]:
     """Tracks of a folder by file name, z up; hidden files are not tracks.
 
     `settings` give the vertical axis of the files' own frames; without them it is z.
+    Raises InputError, with the remedy, where there is no such folder.
     """
     settings = settings or Settings()
     up = {name: user.up for name, user in settings.users.items()}
-    with os_faults(folder):
+    with os_faults(folder, remedy):
         files = sorted(file for file in folder.iterdir() if file.suffix == ".tum" and not file.name.startswith("."))
     return {file.stem: read_tum(file, up.get(file.stem, settings.up)) for file in files}
 
