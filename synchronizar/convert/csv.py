@@ -7,6 +7,7 @@
 | guessed | columns of usual names (timestamp, tx, px, distance, from_id, ...), which is said; units in names count |
 | time | s unless a column says ms, us or ns, or its numbers can be nothing else; `--time-unit`, `--time-offset` |
 | units | m, rad unless columns or `--length-unit`, `--range-unit`, `--angle-unit` say otherwise |
+| numbers | with a decimal point, or a comma where semicolons separate columns |
 | frames | z up unless `--world` says otherwise (`--world arkit`: y up) |
 | refused | tables without a header, without t, or with neither x y z nor range; values that are no numbers |
 
@@ -103,6 +104,7 @@ class _Rows:
     def read(self, progress: Progress) -> None:
         """All rows. Raises InputError that names the line at fault."""
         path, header = self._table.path, self._table.header
+        decimal_comma = self._table.separator == ";"  # as spreadsheets write where a number has one
         known: dict[str, str] = {}
         for number, line in lines_of(path, progress):
             if number < self._table.first_line or line.startswith("#"):
@@ -116,6 +118,8 @@ class _Rows:
                 raise InputError(path, fault, number)
             for name, column in self._numbers.items():
                 text = values[self._columns[name]].strip()
+                if decimal_comma:
+                    text = text.replace(",", ".", 1)
                 if not is_number(text) and (text or name not in _OF_RANGES):
                     fault = f"{header[self._columns[name]]} is {quoted(text)}: it must be a number"
                     raise InputError(path, fault, number)

@@ -95,8 +95,10 @@ def _opened(path: Path, asked: Asked) -> Iterator[_Bag]:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
-    with os_faults(path):
-        ros = 1 if not path.is_dir() and path.open("rb").read(len(ROS1)) == ROS1 else 2
+    ros = 2
+    if not path.is_dir():
+        with os_faults(path), path.open("rb") as file:
+            ros = 1 if file.read(len(ROS1)) == ROS1 else 2
     with broken(path, REMEDY):
         reader = Reader1(path) if ros == 1 else Reader2(path)
         reader.open()

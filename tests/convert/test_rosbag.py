@@ -65,6 +65,12 @@ def test_a_file_of_a_bag_alone_is_read_too(tmp_path: Path) -> None:
     np.testing.assert_allclose(imported.tracks["tb1"], walk(phase=1), rtol=0, atol=1e-6)
 
 
+def test_a_file_that_was_looked_into_is_closed(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    store = store_with({}, 2)
+    read(next(write_bag(tmp_path / "walk", "sqlite3", store, two_walks(store)).glob("*.db3")))
+    assert ResourceWarning not in {warning.category for warning in recwarn}
+
+
 def test_several_ranges_in_a_message_are_of_who_sends_and_of_each_item(tmp_path: Path) -> None:
     store = store_with(dict(reversed(NODES.items())) | NODES, 1)
     node, nodes = store.types["uwb_msgs/msg/Node"], store.types["uwb_msgs/msg/Nodes"]

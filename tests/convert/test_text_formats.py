@@ -233,6 +233,11 @@ def test_a_table_has_its_units_in_its_header_or_in_options(tmp_path: Path) -> No
     np.testing.assert_allclose(rows, [[0, 1, 0, 0, 0, 0, HALF, HALF], [1, 2, 0, 0, 0, 0, 1, 0]], atol=1e-12)
 
 
+def test_numbers_have_a_decimal_comma_where_semicolons_separate_them(tmp_path: Path) -> None:
+    rows = read(tmp_path, "t;a;b;range\n1,5;ann;bob;2,25\n2.5;ann;bob;3\n", "ranges.csv").ranges
+    assert (list(rows.t), list(rows.distance)) == ([1.5, 2.5], [2.25, 3.0])
+
+
 def test_a_table_of_several_devices_and_columns_of_other_names(tmp_path: Path) -> None:
     text = "when\twho\teast\tnorth\theight\n0\ta\t1\t2\t3\n0\tb\t4\t5\t6\n1\ta\t7\t8\t9\n"
     columns = [("t", "when"), ("user", "who"), ("x", "east"), ("y", "north"), ("z", "height")]
