@@ -83,10 +83,23 @@ def with_z_up(recording: Recording, signs: Mapping[str, Sign]) -> Recording:
 
 
 def signs_of(recording: Recording, parameters: Parameters) -> dict[str, Sign]:
-    """Of each track with whose axes or attitudes something is likely wrong."""
+    """Of each track with whose axes or attitudes something is likely wrong.
+
+    Turns about x are turns about z whose quaternions begin with w. Where another's do, so do these: no format has x up.
+    """
     up = {user.name: user.up for user in recording.users}
     signs = {name: sign_of(track, up[name], parameters) for name, track in recording.tracks.items()}
-    return {name: sign for name, sign in signs.items() if sign is not None}
+    found = {name: sign for name, sign in signs.items() if sign is not None}
+    if all(sign.code is not Code.QUATERNION_ORDER for sign in found.values()):
+        return found
+    as_w_first = {
+        name: Sign(Code.QUATERNION_ORDER, 2)
+        for name, sign in found.items()
+        if sign == Sign(Code.UP_AXIS, 0)
+        and up[name] == "z"  # in a file with y up it is the z axis
+        and posture(recording.tracks[name], "wxyz", "z", parameters).vertical == 2
+    }
+    return found | as_w_first
 
 
 class Sign(NamedTuple):

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.mistakes import MISTAKES, Mistake, of_ranges, swapped
+from support.mistakes import MISTAKES, Mistake, of_ranges, of_tracks, swapped, w_first
 from support.paths import SHARED
 
 from synchronizar.data.findings import Code, Finding, finding_json
 from synchronizar.data.recording import Recording
+from synchronizar.data.track import Track
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.summary import summary_of
 from synchronizar.parameters import Parameters
@@ -74,6 +75,20 @@ def test_exchanged_radios_are_told_where_a_small_room_lets_their_ranges_fit_to_a
     room = simulate(Scene(users=4, area=2.0, speed=0.2, sigma=0.03, seconds=60.0, seed=seed)).recording
     assert told(findings_of(swapped(room), Parameters())) == {("swapped-radios", "phone0")}
     assert findings_of(room, Parameters()) == []
+
+
+def climbing_in_one_plane(track: Track) -> Track:
+    """It rises and sinks, and hardly moves along x."""
+    x, y, z = track.position.T
+    return replace(track, position=np.column_stack([0.1 * x, y, z + 2.0 * np.sin(track.t - track.t[0])]))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_drone_that_climbs_beside_a_wall_has_w_first_where_the_others_have(seed: int) -> None:
+    drone = of_tracks(climbing_in_one_plane, ("phone1",))(walk(seed))
+    assert told(findings_of(drone, Parameters())) == set()
+    found = findings_of(of_tracks(w_first)(drone), Parameters())
+    assert {finding for finding in told(found) if finding[1] == "phone1"} == {("quaternion-order", "phone1")}
 
 
 def test_nothing_is_told_of_a_clean_walk_with_y_up_that_says_so(tmp_path: Any) -> None:
