@@ -2,34 +2,61 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
+from synchronizar.arrays import Array
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.recording import Recording
 from synchronizar.data.registration import Registration, State
 from synchronizar.parameters import Parameters
 
+_NEAR = 0.25
+"""Of the distance between two entries: how near to the other one each radio is that was exchanged.
+
+A mirror image may have one too low or too high.
+"""
+
 
 def survey_findings(recording: Recording, registration: Registration, parameters: Parameters) -> list[Finding]:
-    """Of each surveyed radio that a solution has somewhere else than its entry says."""
-    found = []
+    """Of each surveyed radio that a solution has somewhere else than its entry says, or of two that were exchanged."""
+    said, there = dict[str, Array](), dict[str, Array]()
     for user in recording.users:
-        if user.position is None:
-            continue
         one = registration.users[user.name]
-        if one.state is not State.UNOBSERVABLE or one.common_from_user is None:
+        if user.position is None or one.state is not State.UNOBSERVABLE or one.common_from_user is None:
             continue
-        there = one.common_from_user.translation
-        apart = float(np.linalg.norm(there - user.position))
-        if apart < parameters.integrity.survey_contradicted:
-            continue
-        said, at = (", ".join(f"{x:.2f}" for x in place) for place in (user.position, there.tolist()))
-        found.append(
-            Finding(
-                Code.SURVEY,
-                user.name,
-                f"its ranges say that it is at [{at}], {apart:.1f} m from its position [{said}]",
-                f"survey it again, or correct `position` under [users.{user.name}] in recording.toml",
-            )
-        )
-    return found
+        if np.linalg.norm(one.common_from_user.translation - user.position) >= parameters.integrity.survey_contradicted:
+            said[user.name], there[user.name] = np.array(user.position), one.common_from_user.translation
+    found, exchanged = [], set[str]()
+    for a, b in combinations(said, 2):
+        off = max(_apart(there[a], said[b]), _apart(there[b], said[a]))
+        if off < _NEAR * _apart(said[a], said[b]):
+            found.append(_exchanged(a, b, off))
+            exchanged |= {a, b}
+    return [*found, *(_elsewhere(name, said[name], there[name]) for name in said if name not in exchanged)]
+
+
+def _apart(one: Array, other: Array) -> float:
+    return float(np.linalg.norm(one - other))
+
+
+def _exchanged(one: str, other: str, off: float) -> Finding:
+    return Finding(
+        Code.SWAPPED_RADIOS,
+        one,
+        f"{one} and {other} are likely exchanged: their ranges have each where the other was surveyed to be, to within "
+        f"{off:.1f} m",
+        f"exchange `position` under [users.{one}] and [users.{other}] in recording.toml, or the two radios",
+        (other,),
+    )
+
+
+def _elsewhere(name: str, said: Array, there: Array) -> Finding:
+    entry, at = (", ".join(f"{x:.2f}" for x in place) for place in (said.tolist(), there.tolist()))
+    return Finding(
+        Code.SURVEY,
+        name,
+        f"its ranges say that it is at [{at}], {_apart(said, there):.1f} m from its position [{entry}]",
+        f"survey it again, or correct `position` under [users.{name}] in recording.toml",
+    )

@@ -40,6 +40,17 @@ Model = Literal["full", "rigid"]
 BOTH: tuple[Model, ...] = ("full", "rigid")
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_two_radios_whose_places_were_exchanged_in_the_survey_are_told_as_that(seed: int) -> None:
+    exchanged = {"radio1": CORNERS[2], "radio2": CORNERS[1]}
+    found = sz.register(among(Scene(users=2, seconds=20.0, seed=seed), CORNERS, exchanged).recording)
+    (finding,) = found.findings
+    assert (finding.code, finding.user, finding.others) == (Code.SWAPPED_RADIOS, "radio1", ("radio2",))
+    states = {name: user.state for name, user in found.users.items()}
+    assert {name for name, state in states.items() if state is State.UNOBSERVABLE} == set(exchanged)
+    assert all(found.users[name].reason.startswith(finding.message) for name in exchanged)
+
+
 def walked(bias: float = 0.0, **settings: float) -> Recording:
     """One phone about three radios, its own frame at (1, 2, 0.5) and turned by a quarter: ranges without any error.
 
