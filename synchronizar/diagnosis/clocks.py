@@ -39,7 +39,8 @@ def time_overlap_findings(recording: Recording, parameters: Parameters) -> list[
             )
         )
         offset = begin - first
-        if abs(offset) < limits.largest_clock_error and not epochs_differ:
+        is_clock = parameters.slam.longest_pose_gap < abs(offset) < limits.largest_clock_error  # less: it is short
+        if is_clock and not epochs_differ:
             found.append(
                 Finding(
                     Code.CLOCK,

@@ -67,14 +67,14 @@ def frozen_pose_findings(recording: Recording, parameters: Parameters) -> list[F
 
 
 def sparse_pose_findings(recording: Recording, parameters: Parameters) -> list[Finding]:
-    """Of each track of a device that moves, with too few poses to tell where it was in between."""
+    """Of each track with too few poses to use its ranges, or to tell where a device that moves was in between."""
     found = []
     longest, limits = parameters.slam.longest_pose_gap, parameters.diagnosis
     for name, track in recording.tracks.items():
-        if len(track) < 2 or track.extent() < limits.moving_extent:
+        if len(track) < 2:
             continue
         interval = float(np.median(np.diff(track.t)))
-        if interval <= limits.sparse_interval:
+        if interval <= (longest if track.extent() < limits.moving_extent else limits.sparse_interval):
             continue
         lost = f": ranges between poses more than {longest:g} s apart cannot be used" if interval > longest else ""
         found.append(

@@ -77,6 +77,24 @@ def test_exchanged_radios_are_told_where_a_small_room_lets_their_ranges_fit_to_a
     assert findings_of(room, Parameters()) == []
 
 
+def kept(track: Track, rows: slice) -> Track:
+    return replace(track, t=track.t[rows], position=track.position[rows], quat_xyzw=track.quat_xyzw[rows])
+
+
+def test_a_track_of_one_pose_is_too_short_and_no_matter_of_clocks() -> None:
+    found = findings_of(of_tracks(lambda track: kept(track, slice(1)), ("phone1",))(walk(3)), Parameters())
+    assert told(found) == {("time-overlap", "phone1")}
+
+
+def test_poses_too_far_apart_to_use_are_told_of_a_device_that_hardly_moves_too() -> None:
+    def rare(track: Track) -> Track:
+        ends = kept(track, slice(0, None, len(track) - 1))
+        return replace(ends, position=ends.position[0] + np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]))
+
+    found = findings_of(of_tracks(rare, ("phone1",))(walk(3)), Parameters())
+    assert ("sparse-poses", "phone1") in told(found)
+
+
 def climbing_in_one_plane(track: Track) -> Track:
     """It rises and sinks, and hardly moves along x."""
     x, y, z = track.position.T
