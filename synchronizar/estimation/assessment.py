@@ -79,7 +79,8 @@ def assess(
     held = [graph.reference, *np.flatnonzero(graph.problem.surveyed).tolist()]
     cut = severed(graph.measurements, inlier_probability, held, len(graph.users), parameters)
     whole = bool(np.isinf(duration))
-    contradicted = contradicted_users(graph, states, best.em_weights, cut, drift, whole)
+    unfit = np.flatnonzero(rejected > parameters.integrity.largest_rejected).tolist()
+    contradicted = contradicted_users(graph, states, best.em_weights, cut, drift, whole, unfit)
     judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted, whole)
     judged = beside_far_reference(judged, graph, drift)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():

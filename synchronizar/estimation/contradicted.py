@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -22,19 +22,26 @@ def contradicted_users(
     cut: Mapping[int, str],
     drift: Array | None,
     whole: bool,
+    unfit: Collection[int] = (),
 ) -> dict[int, str]:
     """The users who are not where they seem, with the reason.
 
     Who is on the other side of a `cut` (`severed`), who was moved up or down, whose ranges are too short or of other
     devices, whose track needs `drift` (k, 2), factors on the model's, that no odometry has. `whole`: all has come.
+    Of those who are `unfit` hardly any range fits.
     """
     risen = _risen(graph, states) if whole else {}  # while people walk, ranges tell of it as they come
-    by_ranges = contradicted_by_ranges(graph, states, em_weights, whole, list(cut))
+    by_ranges = contradicted_by_ranges(graph, states, em_weights, whole, list(cut), unfit)
     return dict(cut) | risen | by_ranges | _no_odometry(graph, drift)
 
 
 def contradicted_by_ranges(
-    graph: PoseGraph, states: States, em_weights: EmWeights, whole: bool, cut: Sequence[int] = ()
+    graph: PoseGraph,
+    states: States,
+    em_weights: EmWeights,
+    whole: bool,
+    cut: Sequence[int] = (),
+    unfit: Collection[int] = (),
 ) -> dict[int, str]:
     """The users who are not where they seem, and why: their ranges are too short, which nothing makes them.
 
@@ -43,6 +50,7 @@ def contradicted_by_ranges(
     exchanged, fewer do in a `whole` recording: while people walk, ranges tell of it as they come. Foreign ranges count
     alike, but for those of one time that is over, and shorter than the rest. Where most may be foreign nobody is known.
     Foreign ranges of those who are `cut` off already count for nobody: they were moved, and their ranges tell of it.
+    Those of who is `unfit` count for itself alone where others agree without it.
     """
     limits, s = graph.parameters.integrity, graph.measurements
     least = limits.largest_short_of_two if whole else limits.largest_short
@@ -76,9 +84,11 @@ def contradicted_by_ranges(
         shares = [(u, share) for u, share in shares if share > limits.largest_short]
     elif len(shares) < 2:
         return {}
-    blamed = [u for u, _ in shares]
+    blamed, everything = [u for u, _ in shares], np.ones(len(s), dtype=bool)
+    fit = ~np.isin(s.i, list(unfit)) & ~np.isin(s.j, list(unfit))
     for u in graph.active_users if blamed else ():  # who disagrees with them throughout may be wrong itself
-        of = foreign[ranges_of(u, np.ones(len(s), dtype=bool))]
+        agreed = (~foreign & ~short)[ranges_of(u, fit)].sum() >= _FEWEST_RANGES
+        of = foreign[ranges_of(u, fit if agreed else everything)]
         if u not in blamed and _extent(of) > limits.largest_foreign_of_others and of.mean() > limits.largest_short:
             shares.append((u, float(of.mean())))
     of_others = "" if not foreign.any() else ", or those of other devices"

@@ -20,7 +20,10 @@ Stretches = dict[tuple[int, int], tuple[int, int]]
 
 
 def contradicted(
-    short: dict[tuple[int, int], int], foreign: Stretches | None = None, cut: Sequence[int] = ()
+    short: dict[tuple[int, int], int],
+    foreign: Stretches | None = None,
+    cut: Sequence[int] = (),
+    unfit: Sequence[int] = (),
 ) -> set[int]:
     """Of four users, the first of whom is the reference, by how many of each pair's ranges are a metre too short.
 
@@ -44,7 +47,8 @@ def contradicted(
         residuals=lambda _: residuals,
     )
     em_weights: Any = SimpleNamespace(own_probability=own)
-    return set(contradicted_by_ranges(graph, None, em_weights, True, cut))  # type: ignore[arg-type] # residuals are given
+    states: Any = None  # residuals are given
+    return set(contradicted_by_ranges(graph, states, em_weights, True, cut, unfit))
 
 
 class _Measurements:
@@ -110,6 +114,13 @@ def test_who_disagrees_throughout_with_who_is_not_where_it_seems_may_be_wrong_it
     assert contradicted({}, throughout) == {0, 1, 2, 3}
     for_a_while = dict.fromkeys(one, (50, 65)) | dict.fromkeys(other, (85, 100))
     assert len(contradicted({}, for_a_while)) == 2
+
+
+def test_who_disagrees_only_with_somebody_whom_nothing_fits_is_not_doubted() -> None:
+    assert contradicted({}, of_one(0, 80)) == {0, 1, 2, 3}
+    assert contradicted({}, of_one(0, 80), unfit=[1]) == {1}
+    nobody_else_agrees = [0, 1, 2, 3]
+    assert contradicted({}, of_one(0, 80), unfit=nobody_else_agrees) == {0, 1, 2, 3}
 
 
 def test_nobody_is_known_where_most_ranges_may_be_foreign() -> None:
