@@ -373,16 +373,20 @@ def rebuild_jumps(track: Track, search: JumpSearch, least_tilt: float, parameter
 def _by_direction(steps: Steps, jumped: Mask, run: Indices, parameters: Parameters) -> tuple[Array, Array]:
     """(m, 4) how SLAM's axes turned in a run of m steps, and (m, 3) m the steps, by velocities on both sides.
 
-    Where the device hardly moves on either side they are taken not to have turned.
+    Where the device hardly moves on either side, or there is only one, they are taken not to have turned.
     """
     good, n = np.flatnonzero(~jumped), parameters.slam.jump_neighbours
     sides = (good[good < run[0]][-n:], good[good > run[-1]][:n])
-    before, after = (steps.twist[side, 3:6].mean(axis=0) if len(side) else np.full(3, np.nan) for side in sides)
+    if not all(map(len, sides)):
+        (side,) = [side for side in sides if len(side)] or [good]
+        velocity = steps.twist[side, 3:6].mean(axis=0) if len(side) else np.zeros(3)
+        return np.tile(IDENTITY, (len(run), 1)), velocity * steps.dt[run, None]
+    before, after = (steps.twist[side, 3:6].mean(axis=0) for side in sides)
     turn = 0.0
     if min(np.hypot(*before[:2]), np.hypot(*after[:2])) > parameters.slam.jump_speed:
         turn = float(np.arctan2(before[1], before[0]) - np.arctan2(after[1], after[0]))
     axes = yaw_quaternion(turn)
-    velocity = np.nanmean([before, rotate_by_quaternions(axes, after)], axis=0) if len(good) else np.zeros(3)
+    velocity = 0.5 * (before + rotate_by_quaternions(axes, after))
     return np.tile(axes, (len(run), 1)), velocity * steps.dt[run, None]
 
 

@@ -407,6 +407,14 @@ def test_a_stretch_is_told_as_a_track_of_its_own() -> None:
         stream.repaired(np.inf)
 
 
+def test_a_jump_at_the_last_pose_is_mended_where_attitudes_tell_nothing() -> None:
+    stream = PoseStream(MODEL)
+    for n in range(61):
+        stream.add(0.05 * n, (0.025 * n, 0.4 * (n == 60), 0.0), (0.0, 0.0, 0.0, 1.0))
+    stream.settle()
+    np.testing.assert_allclose(stream.tail(ALL).position[-1], [1.5, 0.0, 0.0], atol=1e-9)
+
+
 odd = st.sampled_from([0.0, 1.0, 1e300, -1e308, 5e-324, np.nan, np.inf]) | st.floats(-1e3, 1e3)
 
 

@@ -279,6 +279,16 @@ def test_a_jump_at_either_end_is_found(pose: int, turn: float) -> None:
     assert_same(repaired_tracks.track, true)
 
 
+@pytest.mark.parametrize("pose", [1, 60])
+def test_a_jump_at_either_end_is_mended_where_attitudes_tell_nothing(pose: int) -> None:
+    t = 0.05 * np.arange(61)
+    position = np.column_stack([0.5 * t, np.zeros((61, 2))])
+    position[pose:] += [0.0, 0.4, 0.0]
+    repaired = repair_relocalizations(Track(t, position, np.tile([0.0, 0.0, 0.0, 1.0], (61, 1))), Parameters())
+    assert len(repaired.jumps) == 1
+    np.testing.assert_allclose(np.diff(repaired.track.position, axis=0), [[0.025, 0.0, 0.0]] * 60, atol=1e-9)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_a_few_poses_tell_of_no_jump(count: int) -> None:
     t = np.arange(count, dtype=float) / 10.0
