@@ -87,7 +87,7 @@ def contradicted_by_ranges(
     blamed, everything = [u for u, _ in shares], np.ones(len(s), dtype=bool)
     fit = ~np.isin(s.i, list(unfit)) & ~np.isin(s.j, list(unfit))
     for u in graph.active_users if blamed else ():  # who disagrees with them throughout may be wrong itself
-        agreed = (~foreign & ~short)[ranges_of(u, fit)].sum() >= _FEWEST_RANGES
+        agreed = (~foreign & ~short)[ranges_of(u, fit)].sum() >= limits.share_fewest
         of = foreign[ranges_of(u, fit if agreed else everything)]
         if u not in blamed and _extent(of) > limits.largest_foreign_of_others and of.mean() > limits.largest_short:
             shares.append((u, float(of.mean())))
