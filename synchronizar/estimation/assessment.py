@@ -11,10 +11,11 @@ from synchronizar.arrays import Array
 from synchronizar.data.registration import State
 from synchronizar.estimation.contradicted import beside_far_reference, contradicted_users
 from synchronizar.estimation.hypotheses import Hypothesis, hypotheses
-from synchronizar.estimation.integrity import Verdict, nearness, verdicts
+from synchronizar.estimation.integrity import Evidence, Verdict, nearness, verdicts
 from synchronizar.estimation.severed import severed
 from synchronizar.graph.marginals import marginals
-from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph, calibration_sigmas
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
+from synchronizar.graph.priors import calibration_sigmas
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.extent import extent_points
@@ -81,7 +82,8 @@ def assess(
     whole = bool(np.isinf(duration))
     unfit = np.flatnonzero(rejected > parameters.integrity.largest_rejected).tolist()
     contradicted = contradicted_users(graph, states, best.em_weights, cut, drift, whole, unfit)
-    judged = verdicts(found, rejected, systematic, graph, extent, parameters, registered, contradicted, whole)
+    evidence = Evidence(rejected, extent, systematic, registered, contradicted, whole)
+    judged = verdicts(found, evidence, graph, parameters)
     judged = beside_far_reference(judged, graph, drift)
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:

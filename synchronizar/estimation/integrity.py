@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from statistics import NormalDist
+from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -53,75 +54,101 @@ class Verdict(NamedTuple):
     """Which of x, y, z, yaw have a posterior variance above half the prior's."""
 
 
-def verdicts(
-    found: list[Hypothesis],
-    rejected: Array,
-    systematic: Collection[int],
-    graph: GraphUsers,
-    extent: Array,
-    parameters: Parameters,
-    registered: Collection[int] = (),
-    contradicted: Mapping[int, str] | None = None,
-    whole: bool = False,
-) -> list[Verdict | None]:
-    """The verdict on each active user, None for the others.
+class Evidence(NamedTuple):
+    """What tells of k users besides the hypotheses of where they are."""
 
-    `found` are the hypotheses, best first, `rejected` (k,) the share of each user's ranges that do not fit,
-    `systematic` users whose residuals are no noise, `extent` (k, c, 3) m the extent points of each user's track in its
-    own frame. Users that are `registered` already stay so up to a higher probability of being wrong.
-    `contradicted` are users who are not where they seem, with the reason. `whole`: all has come, and nothing more will
-    tell heights.
-    """
-    best = found[0]
-    apart, in_plane = np.zeros(len(graph.users)), np.zeros(len(graph.users))
+    rejected: Array
+    """(k,) the share of each user's ranges that do not fit."""
+    extent: Array
+    """(k, c, 3) m, the extent points of each user's track in its own frame."""
+    systematic: Collection[int] = ()
+    """Users whose residuals are no noise."""
+    registered: Collection[int] = ()
+    """Users who are registered already: they stay so up to a higher probability of being wrong."""
+    contradicted: Mapping[int, str] = MappingProxyType({})
+    """Users who are not where they seem, with the reason."""
+    whole: bool = False
+    """Whether all has come, and nothing more will tell heights."""
+
+
+class _Others(NamedTuple):
+    """How far other hypotheses than the best one have k users from where that has them."""
+
+    apart: Array
+    """(k,) m: at most, of those that differ in the plane or in yaw."""
+    in_plane: Array
+    """(k,) m: at most, but for heights, of all."""
+    at_all: Array
+    """(k,) m: at most, of all."""
+    wrong_height: Array
+    """(k,) share of those that differ by more than the largest error, and in height alone."""
+
+
+def verdicts(
+    found: list[Hypothesis], evidence: Evidence, graph: GraphUsers, parameters: Parameters
+) -> list[Verdict | None]:
+    """The verdict on each active user, None for the others; `found` are the hypotheses, best first."""
+    others = _others(found, evidence.extent, parameters.integrity.largest_error)
+    out: list[Verdict | None] = [None] * len(graph.users)
+    out[graph.reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
+    if graph.reference in evidence.contradicted:
+        out[graph.reference] = Verdict(State.UNOBSERVABLE, evidence.contradicted[graph.reference])
+    for u in graph.free:
+        out[u] = _verdict(u, found, others, evidence, graph, parameters)
+    return out
+
+
+def _others(found: list[Hypothesis], extent: Array, largest_error: float) -> _Others:
+    best, k = found[0], len(extent)
+    apart, in_plane, at_all, wrong_height = np.zeros((4, k))
     # Evidence tells heights apart; what may be mirror images of straight walks is not told by it, however unlikely.
     share = np.exp([best.cost - hypothesis.cost for hypothesis in found])
     share /= share.sum()
-    higher, above = np.zeros(len(graph.users)), np.zeros(len(graph.users))
     for of_other, other in zip(share[1:].tolist(), found[1:], strict=True):
         off = moved(best.frames, other.frames, extent)
         level = np.where(np.arange(4) == _Z, best.frames, other.frames)
         off_plane = moved(best.frames, level, extent)
-        in_height = off_plane <= parameters.integrity.largest_error
+        in_height = off_plane <= largest_error
         apart, in_plane = np.fmax(apart, np.where(in_height, 0.0, off)), np.fmax(in_plane, off_plane)
-        above = np.fmax(above, off)
-        higher += np.where(in_height & (off > parameters.integrity.largest_error), of_other, 0.0)
-    out: list[Verdict | None] = [None] * len(graph.users)
-    reference = graph.reference
-    out[reference] = Verdict(State.REGISTERED, "the reference: its frame is the common one")
-    contradicted = contradicted or {}
-    if reference in contradicted:
-        out[reference] = Verdict(State.UNOBSERVABLE, contradicted[reference])
-    for u in graph.free:
-        prior = graph.prior_variances(u)
-        dominated = tuple(
-            name
-            for name, own, of in zip(_NAMES, np.diag(best.covariances[u]), prior, strict=True)
-            if own > 0.5 * of and not (name == "yaw" and graph.users[u].static)
-        )
-        m = parameters.integrity
-        limits = (m.wrong_share_kept if u in registered else m.wrong_share,) * 2
-        if whole:
-            limits = (limits[0], max(limits[0], m.wrong_height_share))
-        if higher[u] > limits[1]:
-            apart[u] = max(apart[u], above[u])
-            higher[u] = 0.0
-        state, reason, direction = _state(
-            best, u, graph.users[u].static, extent[u], limits, float(higher[u]), parameters
-        )
-        if rejected[u] > (0.5 if u in systematic else parameters.integrity.largest_rejected):
-            reason = f"{rejected[u]:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
-            state = State.UNOBSERVABLE
-        if apart[u] > parameters.integrity.largest_error and state is State.REGISTERED:
-            state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
-            if in_plane[u] <= parameters.integrity.largest_error:
-                reason += ", apart in height: set height_sigma, if its height is known better"
-        if u in contradicted and state is State.REGISTERED:
-            state, reason = State.UNOBSERVABLE, contradicted[u]
-        elif reference in contradicted and state is State.REGISTERED:
-            state, reason = State.UNOBSERVABLE, "the reference's own track is contradicted"
-        out[u] = Verdict(state, reason, direction, dominated)
-    return out
+        at_all = np.fmax(at_all, off)
+        wrong_height += np.where(in_height & (off > largest_error), of_other, 0.0)
+    return _Others(apart, in_plane, at_all, wrong_height)
+
+
+def _verdict(
+    user: int,
+    found: list[Hypothesis],
+    others: _Others,
+    evidence: Evidence,
+    graph: GraphUsers,
+    parameters: Parameters,
+) -> Verdict:
+    """The verdict on a user that is free."""
+    m, best, static = parameters.integrity, found[0], graph.users[user].static
+    dominated = tuple(
+        name
+        for name, own, of in zip(_NAMES, np.diag(best.covariances[user]), graph.prior_variances(user), strict=True)
+        if own > 0.5 * of and not (name == "yaw" and static)
+    )
+    wrong_share = m.wrong_share_kept if user in evidence.registered else m.wrong_share
+    limits = wrong_share, max(wrong_share, m.wrong_height_share) if evidence.whole else wrong_share
+    apart, higher = float(others.apart[user]), float(others.wrong_height[user])
+    if higher > limits[1]:  # other heights are as good as other places
+        apart, higher = max(apart, float(others.at_all[user])), 0.0
+    state, reason, direction = _state(best, user, static, evidence.extent[user], limits, higher, parameters)
+    rejected = float(evidence.rejected[user])
+    if rejected > (0.5 if user in evidence.systematic else m.largest_rejected):
+        reason = f"{rejected:.0%} of its ranges do not fit: its track or a radio is not what it is taken for"
+        state = State.UNOBSERVABLE
+    if apart > m.largest_error and state is State.REGISTERED:
+        state, reason, direction = State.AMBIGUOUS, f"{len(found)} joint placements explain the ranges", None
+        if others.in_plane[user] <= m.largest_error:
+            reason += ", apart in height: set height_sigma, if its height is known better"
+    if user in evidence.contradicted and state is State.REGISTERED:
+        state, reason = State.UNOBSERVABLE, evidence.contradicted[user]
+    elif graph.reference in evidence.contradicted and state is State.REGISTERED:
+        state, reason = State.UNOBSERVABLE, "the reference's own track is contradicted"
+    return Verdict(state, reason, direction, dominated)
 
 
 def nearness(best: Hypothesis, user: int, static: bool, extent: Array, parameters: Parameters) -> float:

@@ -14,7 +14,7 @@ from synchronizar.estimation.assessment import with_calibration
 from synchronizar.estimation.hypotheses import GaussianComponent, Hypothesis
 from synchronizar.estimation.incremental.standing import Placed
 from synchronizar.estimation.incremental.tracking import Tracking
-from synchronizar.estimation.integrity import Verdict, nearness, verdicts
+from synchronizar.estimation.integrity import Evidence, Verdict, nearness, verdicts
 from synchronizar.graph.priors import height_sigma_of
 from synchronizar.graph.states import BIAS, SCALE
 from synchronizar.parameters import Parameters
@@ -150,7 +150,8 @@ class Members:
         of_all[user] = extent
         shares = np.full(len(users), rejected)
         one = _One(users, gauge, [user], parameters)
-        known = verdicts([found], shares, (), one, of_all, parameters, [user] if registered else [])[user]
+        evidence = Evidence(shares, of_all, registered=[user] if registered else [])
+        known = verdicts([found], evidence, one, parameters)[user]
         assert known is not None
         variances = self.placed(user).calibration_sigma ** 2
         near = nearness(found, user, users[user].static, extent, parameters)
