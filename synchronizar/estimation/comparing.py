@@ -9,7 +9,8 @@ import numpy as np
 
 from synchronizar.arrays import Array, Mask
 from synchronizar.geometry import difference
-from synchronizar.graph.pose_graph import LocalOptimum, calibration_sigmas
+from synchronizar.graph.pose_graph import LocalOptimum
+from synchronizar.graph.priors import calibration_sigmas
 from synchronizar.graph.states import BIAS
 
 BETTER = 1.0

@@ -10,7 +10,8 @@ from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.registration import State
 from synchronizar.estimation.integrity import Verdict
 from synchronizar.estimation.slips import risen_by
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.em_weights import EmWeights
+from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.states import States
 from synchronizar.parameters import IntegrityParameters
 

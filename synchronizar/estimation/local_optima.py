@@ -11,7 +11,8 @@ from synchronizar.estimation.comparing import BETTER, by_cost, held_surveyed, nl
 from synchronizar.estimation.initialisation import placements_in_parts, without_an_entry
 from synchronizar.estimation.optimum_images import mirror_states
 from synchronizar.estimation.slips import relaid
-from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph
+from synchronizar.graph.em_weights import EmWeights
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.rigid_graph import RigidGraph
 from synchronizar.graph.states import States
 from synchronizar.progress import Progress, unheard

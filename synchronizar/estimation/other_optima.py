@@ -11,7 +11,8 @@ from synchronizar.arrays import Array
 from synchronizar.estimation.initialisation import Candidate, extend
 from synchronizar.estimation.mirror_images import height_mirrors
 from synchronizar.geometry import difference
-from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph
+from synchronizar.graph.em_weights import EmWeights
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
 from synchronizar.graph.states import SCALE, States
 
 _FIRST_ROUNDS = 2

@@ -22,8 +22,10 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
+from synchronizar.graph.em_weights import EmWeights
 from synchronizar.graph.marginals import mean_curvature
-from synchronizar.graph.pose_graph import CalibrationPriors, EmWeights, PoseGraph, calibration_sigmas
+from synchronizar.graph.pose_graph import PoseGraph
+from synchronizar.graph.priors import CalibrationPriors, calibration_sigmas
 from synchronizar.graph.states import States
 
 _SLAB = 2.0 ** np.arange(-2.5, 4.0)

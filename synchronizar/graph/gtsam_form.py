@@ -11,7 +11,8 @@ import numpy as np
 from synchronizar._core import RangeSlot
 from synchronizar.arrays import Array
 from synchronizar.graph import keys
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.em_weights import EmWeights
+from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.range_factors import CalibratedUserKeys, RangeSlotFactor
 from synchronizar.graph.states import CLOCK, SCALE, States
 

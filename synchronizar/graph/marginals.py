@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.em_weights import EmWeights
+from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.states import SCALE, States
 from synchronizar.preprocessing.range_measurements import mean_by_pair, pair_bounds
 

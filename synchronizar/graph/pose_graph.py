@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -20,8 +20,12 @@ from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.recording import Recording
 from synchronizar.data.user import User
 from synchronizar.geometry import apply_frames, difference, wrap_angle
+from synchronizar.graph.em_weights import EmWeights, student
 from synchronizar.graph.priors import (
+    CalibrationPriors,
     bursts_with_foreign,
+    calibration_dof,
+    calibration_sigmas,
     height_sigma_of,
     known_bias_sigmas,
     nlos_mixture,
@@ -49,41 +53,6 @@ _GAIN_A_RANGE = 1e-6  # log likelihood per range, in addition
 _ITERATIONS = 10
 _PINNED = 1e-3  # m
 _LEAST_OWN = 1e-9  # probability: a weight must not be 0
-
-
-@dataclass(frozen=True)
-class EmWeights:
-    """EM weights: fixed while optimising, re-estimated after."""
-
-    nlos_odds: Array
-    """(n,) P(NLOS) / P(not NLOS) of each range given its neighbours in time; its own residual does not count."""
-    own_probability: Array
-    """(n,) that each range is of its two devices, and not foreign, given all residuals of its pair."""
-    range_weight: Array
-    """(n,) composite-likelihood weight: the number of independent ranges that each counts as. Not a robust weight."""
-    step_weight: list[Array]
-    """Of each user (m - 1,): weight of each SLAM step, from Student's t as a scale mixture of normals."""
-    calibration_weight: Array
-    """(k + 1, 3): the same weight of each device's deviation from the shared log scale, bias and clock offset; the last
-    row is that of the shared calibration's deviation from zero."""
-    height_weight: Array
-    """(k,): the same weight of each origin's height about the mean level, and of each surveyed radio's place."""
-    level_weight: Array
-    """(k,): the same weight of how far each device strays from the height at which it is carried."""
-
-
-class CalibrationPriors(NamedTuple):
-    """Priors of the calibrations of a active users; see `calibration_priors` where they are measured."""
-
-    own: Array
-    """(3,) 1 sigma of each device's deviation in log scale, bias (m) and clock offset (s)."""
-    common: Array
-    """(3,) 1 sigma of what all share."""
-    to_told: Array | None = None
-    """(3 a, 3 a) takes errors of calibrations under these priors to those that are told, since nobody knows these
-    sigmas; None where they are given."""
-    usual_variances: Array | None = None
-    """(a, 3) posterior variances under the usual priors; None where these are the usual ones."""
 
 
 class LocalOptimum(NamedTuple):
@@ -302,16 +271,14 @@ class PoseGraph:
     @cached_property
     def walks(self) -> Walks:
         """The walks as the core's solver has them."""
-        s, (i, j) = self.measurements, self.ends
-        users = self.active_users
+        s, users = self.measurements, self.active_users
         return Walks.of(
             users,
             self.reference,
             [self.keyframes[u].place - self.keyframes[u].anchor for u in users],
             [self.keyframes[u].t - self.assumed_clock[u] for u in users],
             (s.i, s.j, s.distance, self.sigma),
-            (i.keyframe, j.keyframe),
-            ((i.offset, i.lever, i.velocity), (j.offset, j.lever, j.velocity)),
+            self.ends,
             self.lasting,
         )
 
@@ -408,7 +375,7 @@ class PoseGraph:
         weights = [np.ones(len(k.step_sigma)) for k in self.keyframes]
         for u in self.drifting():
             squares = (steps(states.keyframe_poses[u], self.keyframes[u]) ** 2).sum(axis=1)
-            weights[u], tail = _student(squares, self.parameters.slam.drift_dof, 4)
+            weights[u], tail = student(squares, self.parameters.slam.drift_dof, 4)
             cost += tail
         cost += self._cost_of_lasting(states)
         calibration_weight, tail = self._calibration_weights(states, before)
@@ -460,7 +427,7 @@ class PoseGraph:
         squares = np.zeros((len(self.users) + 1, 3))
         squares[self.active_users] = ((states.calibration[self.active_users] - shared) / own) ** 2
         squares[-1] = (shared / common) ** 2
-        weight, cost = _student(squares, calibration_dof(self.parameters), 1)
+        weight, cost = student(squares, calibration_dof(self.parameters), 1)
         known = states.calibration[self.active_users, BIAS] / self.known_bias_sigma[self.active_users]
         return weight, cost + 0.5 * float(known @ known)
 
@@ -486,7 +453,7 @@ class PoseGraph:
         surveyed = np.flatnonzero(self.problem.surveyed)
         off_places = frames[surveyed, :3] - self.problem.survey[surveyed]
         of_places = (off_places**2).sum(axis=1) / self.survey_sigma[surveyed] ** 2
-        weight[surveyed], of_survey = _student(of_places, self.parameters.priors.survey_dof, 3)
+        weight[surveyed], of_survey = student(of_places, self.parameters.priors.survey_dof, 3)
         return weight, cost + of_survey
 
     def level_weights(self, states: States) -> tuple[Array, float]:
@@ -499,7 +466,7 @@ class PoseGraph:
                 information, height = keyframes.level_information, scale[u] * states.keyframe_poses[u][:, 2]
                 squares[u] = information @ (height - information @ height / information.sum()) ** 2
                 independent[u] = min((keyframes.t[-1] - keyframes.t[0]) / priors.level_duration, len(keyframes))
-        return _student(squares, priors.level_dof, independent)
+        return student(squares, priors.level_dof, independent)
 
     @property
     def _on_level(self) -> list[int]:
@@ -587,29 +554,6 @@ class PoseGraph:
             return np.array([place, place, place, m.priors.yaw_sigma**2])
         height = self.height_sigma[user] ** 2 + self.height_sigma[self.reference] ** 2
         return np.array([m.priors.place_sigma**2, m.priors.place_sigma**2, height, m.priors.yaw_sigma**2])
-
-
-def calibration_sigmas(parameters: Parameters) -> tuple[Array, Array]:
-    """(3,) each, 1 sigma of log scale, bias (m) and clock offset (s): of a device's deviation, of the shared value."""
-    m = parameters
-    own = np.array([m.devices.scale_sigma, m.devices.bias_sigma, m.devices.clock_sigma])
-    return own, np.array([m.devices.scale_common_sigma, m.devices.bias_common_sigma, m.devices.clock_common_sigma])
-
-
-def calibration_dof(parameters: Parameters) -> Array:
-    """(3,) degrees of freedom of Student's t, the prior of log scale, bias and clock offset."""
-    return np.array([parameters.devices.scale_dof, parameters.devices.bias_dof, parameters.devices.clock_dof])
-
-
-def _student(squares: Array, freedom: Array | float, dimension: Array | float) -> tuple[Array, float]:
-    """Weights of Student's t as a scale mixture of normals at squared whitened errors, and its negative log likelihood.
-
-    With f = freedom + dimension the weight is f / (f + e^2), the cost 0.5 f log(1 + e^2 / f). Its curvature at 0 is
-    that of the unit normal: errors of optimised variables are smaller than the noise, which must not be taken for
-    less noise.
-    """
-    f = freedom + dimension
-    return f / (f + squares), float((0.5 * f * np.log1p(squares / f)).sum())
 
 
 def _links(recording: Recording, measurements: RangeMeasurements) -> Indices:

@@ -1,8 +1,9 @@
-"""What is known before any range: how NLOS ranges are distributed, how high SLAM origins lie, what was surveyed."""
+"""What is known before any range: of NLOS ranges, of the heights of SLAM origins, of surveys and of devices' faults."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,20 @@ from synchronizar.data.user import User
 from synchronizar.parameters import Parameters
 
 _NO_SIGMA = 1e3  # m: a survey's zero tells nothing of how high SLAM origins lie
+
+
+class CalibrationPriors(NamedTuple):
+    """Priors of the calibrations of a active users; see `calibration_priors` where they are measured."""
+
+    own: Array
+    """(3,) 1 sigma of each device's deviation in log scale, bias (m) and clock offset (s)."""
+    common: Array
+    """(3,) 1 sigma of what all share."""
+    to_told: Array | None = None
+    """(3 a, 3 a) takes errors of calibrations under these priors to those that are told, since nobody knows these
+    sigmas; None where they are given."""
+    usual_variances: Array | None = None
+    """(a, 3) posterior variances under the usual priors; None where these are the usual ones."""
 
 
 def nlos_mixture(parameters: Parameters) -> NlosMixture:
@@ -67,3 +82,15 @@ def known_bias_sigmas(users: Sequence[User], parameters: Parameters) -> Array:
 def known_biases(users: Sequence[User]) -> Array:
     """(k,) m: what radios are known to add to a range; 0 where that is not known."""
     return np.array([user.range_bias or 0.0 for user in users])
+
+
+def calibration_sigmas(parameters: Parameters) -> tuple[Array, Array]:
+    """(3,) each, 1 sigma of log scale, bias (m) and clock offset (s): of a device's deviation, of the shared value."""
+    m = parameters
+    own = np.array([m.devices.scale_sigma, m.devices.bias_sigma, m.devices.clock_sigma])
+    return own, np.array([m.devices.scale_common_sigma, m.devices.bias_common_sigma, m.devices.clock_common_sigma])
+
+
+def calibration_dof(parameters: Parameters) -> Array:
+    """(3,) degrees of freedom of Student's t, the prior of log scale, bias and clock offset."""
+    return np.array([parameters.devices.scale_dof, parameters.devices.bias_dof, parameters.devices.clock_dof])

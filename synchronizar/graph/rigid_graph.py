@@ -12,7 +12,8 @@ import numpy as np
 
 from synchronizar._core import RigidSolver
 from synchronizar.arrays import Array
-from synchronizar.graph.pose_graph import SAME, EmWeights, LocalOptimum, PoseGraph
+from synchronizar.graph.em_weights import EmWeights
+from synchronizar.graph.pose_graph import SAME, LocalOptimum, PoseGraph
 from synchronizar.graph.priors import bursts_with_foreign
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States

@@ -27,7 +27,8 @@ from typing import NamedTuple
 import numpy as np
 
 from synchronizar.arrays import Array, Mask
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.em_weights import EmWeights
+from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.states import States, steps
 from synchronizar.graph.walks import Walks
 from synchronizar.preprocessing.keyframes import Keyframes
@@ -40,6 +41,19 @@ _ROUNDS = 4
 _FAR_WEIGHT = 2.0  # steps that usual drift counts as where it is far
 _FAR_ROUNDS = 40  # from wide drift, what steps hardly determine shrinks slowly
 _MOST_KEYFRAMES = 400  # of a longer walk only the middle is used
+
+
+class _Search(NamedTuple):
+    """How users' own factors on the noise of steps are sought."""
+
+    tried: Array
+    """(b,) common factors."""
+    begin: float
+    """Times a common factor, where users' own begin."""
+    weight: float
+    """Steps that the common factor counts as."""
+    rounds: int
+    """Of expectation maximisation."""
 
 
 class StepNoise(NamedTuple):
@@ -65,7 +79,8 @@ def step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, drift: A
         return StepNoise(used, sought, told)
     walks = graph.walks
     tried = slam.drift_least * _STEP ** np.arange(np.log(slam.drift_largest / slam.drift_least) / np.log(_STEP) + 1.0)
-    of_users, evidence, determined = _about(graph, states, em_weights, drift, tried, 1.0, slam.drift_weight, _ROUNDS)
+    search = _Search(tried, 1.0, slam.drift_weight, _ROUNDS)
+    of_users, evidence, determined = _about(graph, states, em_weights, drift, search)
     likely = np.isfinite(determined)
     if not (determined[likely] > 0.0).any():
         return StepNoise(used, sought, told)
@@ -110,20 +125,13 @@ def far_step_noise(graph: PoseGraph, states: States, em_weights: EmWeights, wide
     """
     out = np.ones((len(graph.users), 2))
     drift = wide * out
-    of_users, _, _ = _about(graph, states, em_weights, drift, np.ones(1), wide, _FAR_WEIGHT, _FAR_ROUNDS)
+    of_users, _, _ = _about(graph, states, em_weights, drift, _Search(np.ones(1), wide, _FAR_WEIGHT, _FAR_ROUNDS))
     out[graph.walks.users] = of_users[0]
     return out
 
 
 def _about(
-    graph: PoseGraph,
-    states: States,
-    em_weights: EmWeights,
-    drift: Array,
-    tried: Array,
-    begin: float,
-    weight: float,
-    rounds: int,
+    graph: PoseGraph, states: States, em_weights: EmWeights, drift: Array, search: _Search
 ) -> tuple[list[Array], Array, Array]:
     """Users' own factors about each that is tried, its evidence, and how many errors are determined.
 
@@ -143,10 +151,7 @@ def _about(
         graph.loss,
         _middle(graph, walks),
         np.array(counted),
-        tried,
-        begin,
-        weight,
-        rounds,
+        *search,
     )
 
 

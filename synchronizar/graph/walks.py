@@ -10,10 +10,8 @@ from synchronizar._core import WalkSolver
 from synchronizar.arrays import Array, Indices
 from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph.states import SCALE, States
+from synchronizar.preprocessing.keyframes import RangeEnds
 from synchronizar.preprocessing.lasting_errors import LastingErrors
-
-Antennas = tuple[Array, Array, Array]
-"""(n, 3) each, in the axes of a keyframe: offset from it (SLAM units), lever arm (m), velocity (m/s)."""
 
 
 class Walks(NamedTuple):
@@ -37,14 +35,13 @@ class Walks(NamedTuple):
         slam: list[Array],
         t: list[Array],
         ranges: tuple[Indices, Indices, Array, Array],
-        keyframe: tuple[Indices, Indices],
-        ends: tuple[Antennas, Antennas],
+        ends: tuple[RangeEnds, RangeEnds],
         lasting: LastingErrors | None = None,
     ) -> Walks:
         """Of `users`, whose keyframes are at `slam` (m, 3) and `t` (m,) each.
 
-        `ranges` are both users, the distances and sigmas of n ranges; `keyframe` (n,) are their keyframes, counted by
-        user, and `ends` their antennas. They may have `lasting` errors.
+        `ranges` are both users, the distances and sigmas of n ranges, `ends` their antennas at keyframes that are
+        counted by user. They may have `lasting` errors.
         """
         first = np.concatenate([[0], np.cumsum([len(of_user) for of_user in slam])]).astype(np.int32)
         begin = np.full(max(users) + 1, -1, dtype=np.int32)
@@ -56,9 +53,10 @@ class Walks(NamedTuple):
             first,
             np.concatenate(t),
             places,
-            begin[i] + keyframe[0],
-            begin[j] + keyframe[1],
-            *ends,
+            begin[i] + ends[0].keyframe,
+            begin[j] + ends[1].keyframe,
+            (ends[0].offset, ends[0].lever, ends[0].velocity),
+            (ends[1].offset, ends[1].lever, ends[1].velocity),
             distance,
             sigma,
             *(() if lasting is None else (lasting.of_range, lasting.follows, lasting.decay)),

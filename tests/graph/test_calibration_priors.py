@@ -8,7 +8,7 @@ import pytest
 from synchronizar.arrays import Array
 from synchronizar.graph import calibration_priors as priors
 from synchronizar.graph.calibration_priors import Likelihood, measured_priors, posteriors
-from synchronizar.graph.pose_graph import CalibrationPriors
+from synchronizar.graph.priors import CalibrationPriors
 from synchronizar.graph.states import BIAS, CLOCK, SCALE
 from synchronizar.parameters import Parameters
 

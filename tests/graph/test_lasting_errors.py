@@ -8,7 +8,8 @@ import pytest
 from experiments.common.walks import true_frames
 from synchronizar.arrays import Array
 from synchronizar.estimation.segments import keyframes_of_all
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.em_weights import EmWeights
+from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import States
 from synchronizar.parameters import Parameters

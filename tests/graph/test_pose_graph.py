@@ -13,10 +13,11 @@ from synchronizar.arrays import Array
 from synchronizar.data.recording import Recording
 from synchronizar.data.track import Track
 from synchronizar.geometry import YawFrame, apply_frames, wrap_angle
+from synchronizar.graph.em_weights import EmWeights
 from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.marginals import marginals
-from synchronizar.graph.pose_graph import EmWeights, LocalOptimum, PoseGraph, calibration_dof, calibration_sigmas
-from synchronizar.graph.priors import nlos_mixture
+from synchronizar.graph.pose_graph import LocalOptimum, PoseGraph
+from synchronizar.graph.priors import calibration_dof, calibration_sigmas, nlos_mixture
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import BIAS, CLOCK, SCALE, States, common_track
 from synchronizar.parameters import Parameters

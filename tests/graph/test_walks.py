@@ -17,9 +17,10 @@ from synchronizar.geometry import apply_frames, wrap_angle
 from synchronizar.graph import keys
 from synchronizar.graph import step_noise as noise_module
 from synchronizar.graph.calibration_priors import likelihood_of_calibrations
+from synchronizar.graph.em_weights import EmWeights
 from synchronizar.graph.gtsam_form import GtsamForm
 from synchronizar.graph.marginals import marginals, mean_curvature
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.states import BIAS, SCALE, States, antennas
 from synchronizar.graph.step_noise import step_noise

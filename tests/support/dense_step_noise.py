@@ -11,8 +11,9 @@ import numpy as np
 
 from synchronizar.arrays import Array, Indices
 from synchronizar.graph import keys
+from synchronizar.graph.em_weights import EmWeights
 from synchronizar.graph.gtsam_form import GtsamForm
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.states import States, steps
 
 OF_ROW = [0, 0, 1, 2]

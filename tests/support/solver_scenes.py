@@ -18,8 +18,9 @@ from synchronizar.data.track import Track
 from synchronizar.data.user import User
 from synchronizar.estimation.register import register
 from synchronizar.geometry import YawFrame
+from synchronizar.graph.em_weights import EmWeights
 from synchronizar.graph.gtsam_form import GtsamForm
-from synchronizar.graph.pose_graph import EmWeights, PoseGraph
+from synchronizar.graph.pose_graph import PoseGraph
 from synchronizar.graph.priors import nlos_mixture
 from synchronizar.graph.problem import Problem
 from synchronizar.graph.rigid_graph import RigidGraph
