@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, replace
-from typing import Literal, NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
-from synchronizar._core import poses_at, read_ranges
 from synchronizar.arrays import Array, Indices, Mask
 from synchronizar.data.jump import Jump
-from synchronizar.data.track import Poses, Track
-from synchronizar.geometry import wrap_angle
+from synchronizar.data.track import Track
 from synchronizar.parameters import Parameters
 from synchronizar.preprocessing.relocalizations import (
     JumpSearch,
@@ -30,29 +27,44 @@ from synchronizar.preprocessing.relocalizations import (
     search_jumps,
     steps_of,
 )
+from synchronizar.preprocessing.repaired_poses import (
+    ATTITUDE,
+    POSITION,
+    RAW_ATTITUDE,
+    RAW_POSITION,
+    REBUILT,
+    SAME_STAMP,
+    SEGMENT,
+    STAMP,
+    Pose,
+    RepairedPoses,
+    Tail,
+    raw_track,
+    tail_of,
+)
 from synchronizar.preprocessing.running_quantile import RunningQuantile
 from synchronizar.preprocessing.stamp_guard import Admitted, StampGuard
+from synchronizar.preprocessing.stream_events import (
+    Dismissed,
+    Event,
+    SetAside,
+    Suspicion,
+    event_numbers,
+    event_of,
+    jump_of,
+    suspicion_numbers,
+    suspicion_of,
+)
 from synchronizar.quaternions import (
-    IDENTITY,
     inverse_quaternions,
     multiply_quaternions,
-    normalized_quaternions,
-    rotate_by_quaternions,
     tilt_of_quaternions,
     yaw_of_quaternions,
-    yaw_quaternion,
 )
 
-_UP = np.array([0.0, 0.0, 1.0])
-_FIRST_ROWS = 256
 _FARTHEST, _LATEST = 1e9, 1e20  # m, s: beyond, numbers are no place and no time
 _SHORTEST, _LONGEST = 1e-12, 1e12  # square of a length that quaternions may have
-_SAME_STAMP = 1e-9  # s
 _ROUNDING = 1e-14  # of the square of a unit quaternion's length
-_T, _RAW_POSITION, _RAW_ATTITUDE, _POSITION, _ATTITUDE = 0, slice(1, 4), slice(4, 8), slice(8, 11), slice(11, 15)
-_POSE = _T, _POSITION.start, _ATTITUDE.start
-_TRAVELLED, _SEGMENT, _REBUILT = 15, 16, 17
-_COLUMNS = 18
 _USUAL = 0.95  # quantile of prediction errors that is their noise level, as in the batch
 _CHECK_INTERVAL = 0.5  # s: where some step is not smooth, the two-sided search follows after so much
 _SMOOTH = 0.15  # of the least jump: where no step changes by more, three of them do not add up to half of it
@@ -65,114 +77,19 @@ _MOST = 0.9  # quantile of steps that is usual
 _SOME = 8  # latest jumps that a suspicion may have been about
 _FEW_MEDIANS = 4.0  # of errors: more than the 95 % quantile where nothing is wrong
 _CONTEXT_ROWS = 8  # before what is searched: neighbours of the first step
-_Pose = tuple[float, float, float, float, float, float, float]
 
 
-class Suspicion(NamedTuple):
-    """Why the poses from some moment on may not be where SLAM says."""
-
-    t: float
-    """s: the first pose in doubt."""
-    kind: Literal["jump", "frozen"]
-    distance: float
-    """m: how far the position is from what the last steps allow."""
-    turn: float
-    """rad: the same of the attitude."""
-
-
-class Dismissed(NamedTuple):
-    """A suspicion that what came next did not confirm."""
-
-    t: float
-    """s: the pose that was in doubt."""
-
-
-class Levelled(NamedTuple):
-    """SLAM's vertical from some pose on held longer than the one before: from there on the track is level by it."""
-
-    t: float
-    """s: the first pose that is levelled by it; the path goes on."""
-    tilt: float
-    """rad: how far the track before is from level."""
-    lift: float
-    """m: SLAM's own height there, by which a batch repair begins, minus the track's."""
-
-
-class SetAside(NamedTuple):
-    """Poses that are left out."""
-
-    first: float
-    """s: the earliest stamp among them, ..."""
-    last: float
-    """... and the latest."""
-    poses: int
-    """How many."""
-    reason: Literal["stray", "frozen"]
-
-
-Event = Jump | Dismissed | Levelled | SetAside
-
-
-class Tail(NamedTuple):
-    """n consecutive poses of the repaired track; copies."""
-
-    t: Array
-    """(n,) s, strictly rising."""
-    position: Array
-    """(n, 3) m."""
-    quat_xyzw: Array
-    """(n, 4)."""
-    segment: Indices
-    """(n,) how many times axes changed before each pose, since the stream began."""
-    rebuilt: Mask
-    """(n,) whether the step that leads to the pose was rebuilt from its neighbours."""
-    travelled: Array
-    """(n,) m: way since the stream began."""
-
-
-class Axes(NamedTuple):
-    """Repaired track from SLAM's own frame, for poses of the newest segment."""
-
-    quat_xyzw: Array
-    """(4,) repaired from SLAM."""
-    offset: Array
-    """(3,) m: a repaired position is this plus SLAM's, turned."""
-    level: bool
-    """Whether SLAM's vertical is trusted; else its steps are taken for horizontal, and `offset` has the height."""
-
-    @property
-    def yaw(self) -> float:
-        """rad: by how much SLAM's frame is turned, as `yaw_of_quaternions`."""
-        return wrap_angle(2.0 * math.atan2(self.quat_xyzw[2], self.quat_xyzw[3]))
-
-    def repaired(self, position: Array, quat_xyzw: Array) -> tuple[Array, Array]:
-        """SLAM's positions (..., 3) and attitudes (..., 4) in the repaired track's frame."""
-        place = rotate_by_quaternions(self.quat_xyzw, position)
-        if not self.level:
-            place[..., 2] = 0.0
-        return place + self.offset, multiply_quaternions(self.quat_xyzw, quat_xyzw)
-
-
-class _Vertical:
-    """A direction in the continued axes that some segments agree on as up."""
-
-    def __init__(self, up: Array, seconds: float = 0.0) -> None:
-        self.up, self.seconds = up, seconds
-
-
-class PoseStream:
+class PoseStream(RepairedPoses):
     """The repaired track of one device, from SLAM's poses as they come."""
 
     def __init__(self, parameters: Parameters) -> None:
-        self._parameters = parameters
+        super().__init__(parameters)
         self._frozen_after = parameters.diagnosis.frozen_duration
         self._gap = parameters.diagnosis.stray_gap
         self._longest_gap = parameters.slam.longest_pose_gap
-        self._guard: StampGuard[_Pose] = StampGuard(parameters)
+        self._guard: StampGuard[Pose] = StampGuard(parameters)
         self.faults = 0
         """How many poses were no numbers."""
-        self.repeated = 0
-        """How many had the stamp of another one; the first counts."""
         self.set_aside = 0
         """How many were set aside, stray or frozen."""
         self.suspicions = 0
@@ -186,10 +103,7 @@ class PoseStream:
 
     def _clear(self) -> None:
         """No pose, and nothing known of the steps."""
-        self._table = np.empty((_FIRST_ROWS, _COLUMNS))
-        self._rows = 0
-        self._pending: list[tuple[float, ...]] = []
-        self._forgotten = 0
+        self._clear_poses()
         self._count = 0  # of rows, those pending among them
         self._decided = 1  # rows whose steps are known to be jumps or none; the first has no step
         self.resumed_at = -math.inf
@@ -209,13 +123,6 @@ class PoseStream:
         self._intervals, self._position_errors, self._attitude_errors, self._lengths, self._turns = (
             RunningQuantile() for _ in range(5)
         )
-        # Segments: repaired from SLAM, offset, level. Continued: in the axes of the first, as they are, tilt and all.
-        self._axes: list[Axes] = [Axes(IDENTITY.copy(), np.zeros(3), True)]
-        self._continued = IDENTITY.copy()
-        self._untilt = IDENTITY.copy()
-        self._verticals = [_Vertical(_UP.copy())]
-        self._level_vertical = self._own_vertical = 0
-        self._segment_since = -math.inf
 
     @property
     def newest(self) -> float:
@@ -240,24 +147,24 @@ class PoseStream:
         if not (abs(x) + abs(y) + abs(z) < _FARTHEST and abs(t) < _LATEST):
             self.faults += 1
             return
-        if _SAME_STAMP < t - guard.last <= self._gap and not guard.held:
+        if SAME_STAMP < t - guard.last <= self._gap and not guard.held:
             guard.last = t
             guard.count += 1
             self._take(t, x, y, z, qx, qy, qz, qw)
         else:
             self._take_admitted(guard.admit(t, (x, y, z, qx, qy, qz, qw)))
 
-    def _take_admitted(self, admitted: Admitted[_Pose]) -> None:
+    def _take_admitted(self, admitted: Admitted[Pose]) -> None:
         aside = list(admitted.aside)
         if admitted.anew:
-            aside += self._table_now()[:, _T].tolist()
+            aside += self._table_now()[:, STAMP].tolist()
             self._clear()
             self.suspect = None
         if aside:
             self.set_aside += len(aside)
             self._events.append(SetAside(min(aside), max(aside), len(aside), "stray"))
         for t, pose in admitted.items:
-            if t - self._t > _SAME_STAMP:
+            if t - self._t > SAME_STAMP:
                 self._take(t, *pose)
             else:
                 self._insert(t, pose)
@@ -306,41 +213,26 @@ class PoseStream:
 
     # Reading
 
-    def last(self) -> Tail | None:
-        """The newest pose, n = 1; None before the first."""
-        table = self._table_now()
-        return _tail(table[-1:]) if len(table) else None
-
-    def tail(self, since: float) -> Tail:
-        """All poses stamped `since` (s) or later."""
-        table = self._table_now()
-        return _tail(table[np.searchsorted(table[:, _T], since) :])
-
     def believed(self, since: float) -> Tail:
-        """The same without the poses that may not be where they seem: a jump is not mended at once."""
+        """The poses since then (s) but those that may not be where they seem: a jump is not mended at once."""
         table = self._table_now()
-        end = len(table) if self.suspect is None else int(np.searchsorted(table[:, _T], self.suspect.t))
-        return _tail(table[np.searchsorted(table[:, _T], since) : end])
-
-    def slam_track(self, most: int) -> Track:
-        """SLAM's own poses, at most so many, evenly chosen; copies."""
-        table = self._table_now()
-        return _raw_track(table[:: max(1, -(-len(table) // most))].copy())
+        end = len(table) if self.suspect is None else int(np.searchsorted(table[:, STAMP], self.suspect.t))
+        return tail_of(table[np.searchsorted(table[:, STAMP], since) : end])
 
     def repaired(self, since: float) -> RepairedTrack:
-        """The same as the batch tells of a whole track, with its axes in those of the stream's beginning; copies.
+        """The track since then (s), as the batch repairs a whole one, in the axes of the stream's beginning; copies.
 
         A segment may also begin where SLAM's vertical changed (`Levelled`). ValueError where there is no such pose.
         """
         table = self._table_now()
-        first = int(np.searchsorted(table[:, _T], since))
+        first = int(np.searchsorted(table[:, STAMP], since))
         table = table[first:].copy()
-        segment = table[:, _SEGMENT].astype(np.int32)
+        segment = table[:, SEGMENT].astype(np.int32)
         axes = self._axes[int(segment[0]) if len(segment) else len(self._axes) :]
-        jumps = [j for j in self.jumps if j.t > table[:1, _T].max(initial=-np.inf)]
+        jumps = [j for j in self.jumps if j.t > table[:1, STAMP].max(initial=-np.inf)]
         return RepairedTrack(
-            Track(table[:, _T], table[:, _POSITION], table[:, _ATTITUDE]),
-            tuple(replace(jump, pose=int(np.searchsorted(table[:, _T], jump.t))) for jump in jumps),
+            Track(table[:, STAMP], table[:, POSITION], table[:, ATTITUDE]),
+            tuple(replace(jump, pose=int(np.searchsorted(table[:, STAMP], jump.t))) for jump in jumps),
             segment - segment[:1],
             np.array([each.quat_xyzw for each in axes]),
             np.array([each.level for each in axes]),
@@ -353,115 +245,33 @@ class PoseStream:
         noise, spread = self._noise(), self._parameters.slam.jump_spread
         return (math.inf, math.inf) if noise is None else (spread * noise.position, spread * noise.attitude)
 
-    def at(self, t: Array) -> Poses:
-        """The repaired poses at times (n,) s, as `Track.at` has them with the longest gap between poses."""
-        table = self._table_now()
-        if not len(table) or not len(t):
-            n = len(t)
-            return Poses(np.zeros((n, 3)), np.tile(IDENTITY, (n, 1)), np.zeros(n, dtype=bool))
-        return Poses(*poses_at(table, _POSE, t, self._parameters.slam.longest_pose_gap))
-
-    def way(self, begin: float, end: float) -> tuple[float, bool]:
-        """How far SLAM came (m) from `begin` to `end` (s), and whether any step there was rebuilt."""
-        table = self._table_now()
-        first, last = np.searchsorted(table[:, _T], begin), np.searchsorted(table[:, _T], end, side="right")
-        if last <= first:
-            return 0.0, False
-        travelled = float(table[last - 1, _TRAVELLED] - table[first, _TRAVELLED])
-        return travelled, bool(table[first:last, _REBUILT].any())
-
-    def current_axes(self) -> Axes:
-        """Repaired track from SLAM's frame, for poses after the last one."""
-        return self._axes[-1]
-
     def forget(self, before: float) -> None:
         """Poses stamped earlier than `before` (s) are needed no more; those that checks need stay."""
         table = self._table_now()
-        open_since = table[min(self._decided, len(table)) - 1, _T] if len(table) else 0.0
+        open_since = table[min(self._decided, len(table)) - 1, STAMP] if len(table) else 0.0
         context = open_since - 1.5 * self._parameters.slam.glitch_duration
-        first = int(np.searchsorted(table[:, _T], min(before, context)))
+        first = int(np.searchsorted(table[:, STAMP], min(before, context)))
         first = min(first, self._decided - 1 - _CONTEXT_ROWS)
         if first > len(table) // 4:
-            left = table[first:].copy()
-            self._table[: len(left)] = left
-            self._rows = len(left)
+            self._forget_rows(first)
             self._count -= first
             self._decided -= first
             if self._check_count:
                 self._check_count -= first
-            self._forgotten += first
 
-    # Storage
-
-    def _table_now(self) -> Array:
-        """(n, columns) all rows; a view."""
-        if self._pending:
-            new = len(self._pending)
-            while self._rows + new > len(self._table):
-                self._table = np.concatenate([self._table, np.empty_like(self._table)])
-            rows = self._table[self._rows : self._rows + new]
-            rows[:, : _RAW_ATTITUDE.stop] = self._pending
-            self._pending.clear()
-            rows[:, _REBUILT] = 0.0
-            self._rows += new
-            if self._rows == new:
-                self._segment_since = float(rows[0, _T])
-            self._repair(self._rows - new, len(self._axes) - 1)
-        return self._table[: self._rows]
-
-    def _repair(self, first: int, segment: int) -> None:
-        """Rows from `first` on belong to a segment."""
-        rows = self._table[first : self._rows]
-        _repair_rows(rows, self._axes[segment])
-        rows[:, _SEGMENT] = segment
-        self._measure(first)
-
-    def _measure(self, first: int) -> None:
-        """The way travelled, of rows from `first` on."""
-        if first == 0 and self._rows:
-            self._table[0, _TRAVELLED] = self._table[0, _TRAVELLED] if self._forgotten else 0.0
-            first = 1
-        place = self._table[first - 1 : self._rows, _POSITION]
-        dx, dy, dz = (place[1:, i] - place[:-1, i] for i in range(3))
-        steps = np.sqrt(dx * dx + dy * dy + dz * dz)
-        travelled = self._table[first - 1 : self._rows, _TRAVELLED]
-        travelled[1:] = np.cumsum(np.concatenate([travelled[:1], steps]))[1:]
-
-    def _insert(self, t: float, pose: _Pose) -> None:
+    def _insert(self, t: float, pose: Pose) -> None:
         """A pose that comes late."""
-        table = self._table_now()
-        row = int(np.searchsorted(table[:, _T], t))
-        if np.abs(t - table[max(row - 1, 0) : row + 1, _T]).min() <= _SAME_STAMP:
-            self.repeated += 1
+        row = self._insert_row(t, pose)
+        if row is None:
             return
-        if row == 0 and self._forgotten:
-            return
-        new = np.zeros(_COLUMNS)
-        new[: _RAW_ATTITUDE.stop] = (t, *pose)
-        before, after = table[max(row - 1, 0)], table[row]
-        beside = before
-        if before[_SEGMENT] != after[_SEGMENT]:
-            near = [float(np.linalg.norm(new[_RAW_POSITION] - other[_RAW_POSITION])) for other in (before, after)]
-            if near[1] < near[0]:
-                beside, new[_REBUILT] = after, after[_REBUILT]
-                after[_REBUILT] = 0.0
-        new[_SEGMENT] = beside[_SEGMENT]
-        if row == 0:
-            self._segment_since = t if new[_SEGMENT] == 0.0 else self._segment_since
-        _repair_rows(new[None, :], self._axes[int(new[_SEGMENT])])
-        if self._rows == len(self._table):
-            self._table = np.concatenate([self._table, np.empty_like(self._table)])
-        self._table[row + 1 : self._rows + 1] = self._table[row : self._rows].copy()
-        self._table[row] = new
-        self._rows += 1
         self._count += 1
         if row < self._decided:
             self._decided += 1
         if self._check_count:
             self._check_count += 1
-        self._measure(row)
         self._worst = math.inf  # the search will tell
-        self._same_since = max(self._same_since, t) if row == len(table) - 1 else self._same_since
+        if row == self._rows - 2:
+            self._same_since = max(self._same_since, t)
 
     # Jumps
 
@@ -478,8 +288,8 @@ class PoseStream:
         rows = self._table_now()[-_CONTEXT_ROWS:]
         if len(rows) <= slam.jump_neighbours + 1:
             return
-        steps = steps_of(_raw_track(rows))
-        prediction = predict_steps(steps, rows[1:, _REBUILT] == 0.0, slam.jump_neighbours, self._parameters)
+        steps = steps_of(raw_track(rows))
+        prediction = predict_steps(steps, rows[1:, REBUILT] == 0.0, slam.jump_neighbours, self._parameters)
         noise = self._noise() or _noise_of_few(
             steps.dt[:-1], prediction.position_error[:-1], prediction.attitude_error[:-1]
         )
@@ -515,11 +325,11 @@ class PoseStream:
         begin = max(self._decided - 1 - _CONTEXT_ROWS, 0)
         search = self._search(table, begin)
         if begin and (search.jumped | search.turned).any():
-            since = float(table[self._decided - 1, _T]) - 1.5 * slam.glitch_duration
-            begin = min(begin, int(np.searchsorted(table[:, _T], since)))
+            since = float(table[self._decided - 1, STAMP]) - 1.5 * slam.glitch_duration
+            begin = min(begin, int(np.searchsorted(table[:, STAMP], since)))
             search = self._search(table, begin)
         first = self._decided - 1 - begin  # of the open steps
-        ready, due = self._ready(table[begin + 1 :, _T], search, first)
+        ready, due = self._ready(table[begin + 1 :, STAMP], search, first)
         if settle:
             ready[:] = True
         end = first + (len(ready) if ready.all() else int(np.argmin(ready)))
@@ -533,13 +343,14 @@ class PoseStream:
         self._worst, self._least_dot = float(np.max(np.sum(change**2, axis=1), initial=0.0)), 1.0
         if search.turned[end:].any():
             self._least_dot = 0.0
-        self._level()
+        if (levelled := self._level(self._decided - 1)) is not None:
+            self._events.append(levelled)
         self._conclude(begin, search, end, due)
 
     def _search(self, table: Array, begin: int) -> JumpSearch:
         rows = table[begin:]
-        decided = rows[1 : self._decided - begin, _REBUILT] > 0.0
-        noise, track = self._noise(), _raw_track(rows)
+        decided = rows[1 : self._decided - begin, REBUILT] > 0.0
+        noise, track = self._noise(), raw_track(rows)
         follows = attitude_follows(track, self._parameters)
         self._attitude_follows = self._attitude_follows if follows is None else follows
         self._attitude_measured |= not self._attitude_follows
@@ -591,7 +402,7 @@ class PoseStream:
         """Remove jumps among steps first ... end of what was searched from row `begin` on."""
         table = self._table_now()
         least_tilt = search.least_tilt(self._parameters)
-        axes, displacement = rebuild_jumps(_raw_track(table[begin:]), search, least_tilt, self._parameters)
+        axes, displacement = rebuild_jumps(raw_track(table[begin:]), search, least_tilt, self._parameters)
         for segment, step in enumerate(np.flatnonzero(search.jumped).tolist()):
             if not first <= step < end:
                 continue
@@ -601,7 +412,7 @@ class PoseStream:
             beyond = search.steps.displacement[step] - displacement[step]
             self._begin_segment(row, turned, displacement[step], least_tilt)
             jump = Jump(
-                float(table[row, _T]),
+                float(table[row, STAMP]),
                 self._forgotten + row,
                 float(np.linalg.norm(beyond)),
                 float(yaw_of_quaternions(change)),
@@ -610,56 +421,12 @@ class PoseStream:
             self.jumps.append(jump)
             self._events.append(jump)
 
-    def _begin_segment(self, row: int, turned: Array, displacement: Array, least_tilt: float) -> None:
-        """From a row on SLAM's axes are `turned` (4,), and the step to it is `displacement` (3,) in those before."""
-        t, old = float(self._table[row, _T]), self._axes[-1]
-        self._verticals[self._own_vertical].seconds += float(self._table[row - 1, _T]) - self._segment_since
-        self._segment_since = t
-        self._continued = normalized_quaternions(multiply_quaternions(self._continued, turned))
-        up = rotate_by_quaternions(self._continued, _UP)
-        likeness = [float(up @ vertical.up) for vertical in self._verticals]
-        self._own_vertical = int(np.argmax(likeness))
-        if likeness[self._own_vertical] < math.cos(least_tilt):
-            self._own_vertical = len(self._verticals)
-            self._verticals.append(_Vertical(up))
-        step = rotate_by_quaternions(old.quat_xyzw, displacement)
-        step[2] *= old.level
-        self._set_axes(row, self._table[row - 1, _POSITION] + step)
-        self._table[row, _REBUILT] = 1.0
-
-    def _set_axes(self, row: int, place: Array) -> None:
-        """From a row on, which stands at `place` (3,), axes are as the verticals have it."""
-        levelled = multiply_quaternions(self._untilt, self._continued)
-        level = self._own_vertical == self._level_vertical
-        quat = yaw_quaternion(float(yaw_of_quaternions(levelled))) if level else levelled
-        turned = rotate_by_quaternions(quat, self._table[row, _RAW_POSITION])
-        turned[2] *= level
-        self._axes.append(Axes(quat, place - turned, level))
-        self._repair(row, len(self._axes) - 1)
-
-    def _level(self) -> None:
-        """Level by the vertical that held longest."""
-        if self._own_vertical == self._level_vertical:
-            return
-        row = self._decided - 1
-        t = float(self._table[row, _T])
-        own = self._verticals[self._own_vertical].seconds + t - self._segment_since
-        if own <= self._verticals[self._level_vertical].seconds:
-            return
-        tilt = float(tilt_of_quaternions(multiply_quaternions(self._untilt, self._continued)))
-        yaw = yaw_quaternion(float(yaw_of_quaternions(self._continued)))
-        self._untilt = multiply_quaternions(yaw, inverse_quaternions(self._continued))
-        self._level_vertical = self._own_vertical
-        place = self._table[row, _POSITION].copy()
-        self._set_axes(row, place)
-        self._events.append(Levelled(t, tilt, float(self._table[row, _RAW_POSITION][2] - place[2])))
-
     def _conclude(self, begin: int, search: JumpSearch, end: int, due: Array) -> None:
         """End a suspicion that is decided, begin one where the search saw what is not; say when to look again."""
         table, slam = self._table_now(), self._parameters.slam
         if self.suspect is not None and self.suspect.kind == "frozen":
             return
-        if self.suspect is not None and self.suspect.t <= table[self._decided - 1, _T]:
+        if self.suspect is not None and self.suspect.t <= table[self._decided - 1, STAMP]:
             if not any(jump.t >= self.suspect.t for jump in self.jumps[-_SOME:]):
                 self._events.append(Dismissed(self.suspect.t))
             self.suspect = None
@@ -671,7 +438,7 @@ class PoseStream:
                 return
             step = int(np.argmax(trouble))
             errors = float(search.position_error[step]), float(search.attitude_error[step])
-            self._doubt(Suspicion(float(table[begin + 1 + step, _T]), "jump", *errors))
+            self._doubt(Suspicion(float(table[begin + 1 + step, STAMP]), "jump", *errors))
         if np.isinf(due[end]):
             self._check_count = self._count + 1
         else:
@@ -682,20 +449,20 @@ class PoseStream:
     def _freeze(self) -> None:
         """Doubt a pose that is repeated where the device moved right before, and never was seen to stop like that."""
         table, slam = self._table_now(), self._parameters.slam
-        row = int(np.searchsorted(table[:, _T], self._same_since))
+        row = int(np.searchsorted(table[:, STAMP], self._same_since))
         if not row or self.suspect is not None:
             return
-        moved = float(np.linalg.norm(table[row, _RAW_POSITION] - table[row - 1, _RAW_POSITION]))
-        at_once = moved > slam.jump_speed * (table[row, _T] - table[row - 1, _T])
+        moved = float(np.linalg.norm(table[row, RAW_POSITION] - table[row - 1, RAW_POSITION]))
+        at_once = moved > slam.jump_speed * (table[row, STAMP] - table[row - 1, STAMP])
         if self._froze or (at_once and not self._stops):
             self._doubt(Suspicion(self._same_since, "frozen", 0.0, 0.0))
 
     def _thaw(self, *pose: float) -> bool:
         """Whether the pose that was repeated, until this other one came, was frozen; its repetitions are removed."""
         table, limits = self._table_now(), self._parameters.diagnosis
-        row = int(np.searchsorted(table[:, _T], self._same_since))
-        step = math.dist(table[row, _RAW_POSITION], pose[:3])
-        turn = 2.0 * math.acos(min(abs(float(table[row, _RAW_ATTITUDE] @ pose[3:])), 1.0))
+        row = int(np.searchsorted(table[:, STAMP], self._same_since))
+        step = math.dist(table[row, RAW_POSITION], pose[:3])
+        turn = 2.0 * math.acos(min(abs(float(table[row, RAW_ATTITUDE] @ pose[3:])), 1.0))
         frozen = self._froze
         if min(self._lengths.count, self._turns.count) >= _FEWEST_STEPS:
             frozen |= step > max(limits.frozen_jump, limits.frozen_steps * self._lengths.quantile(_MOST))
@@ -708,7 +475,7 @@ class PoseStream:
         if not frozen or row + 1 >= len(table):
             return False
         self._froze = True
-        removed = table[row + 1 :, _T]
+        removed = table[row + 1 :, STAMP]
         self._events.append(SetAside(float(removed[0]), float(removed[-1]), len(removed), "frozen"))
         self.set_aside += len(removed)
         if self.suspect is not None and self.suspect.t > self._same_since:
@@ -723,52 +490,38 @@ class PoseStream:
     def state(self) -> dict[str, Array]:
         """All of it, as `from_state` takes it: it goes on to the last bit as this one would."""
         empty = np.zeros((0, 8))
-        told = [(_EVENTS.index(type(event)), *_numbers(event)) for event in self._events]
         return {
-            "table": self._table_now().copy(),
+            **self._state_of_poses(),
             "numbers": np.array([float(getattr(self, name)) for name in _NUMBERS]),
             "guard": np.array([self._guard.last, float(self._guard.count)]),
             "held": np.array([(t, *pose) for t, pose in self._guard.held]).reshape(-1, 8),
-            "suspect": empty if self.suspect is None else np.array([_numbers(self.suspect)]),
-            "events": np.array(told).reshape(-1, 6) if told else np.zeros((0, 6)),
-            "jumps": np.array([_numbers(jump) for jump in self.jumps]).reshape(-1, 5),
+            "suspect": empty if self.suspect is None else np.array([suspicion_numbers(self.suspect)]),
+            "events": np.array([event_numbers(event) for event in self._events]).reshape(-1, 6),
+            "jumps": np.array([event_numbers(jump)[1:] for jump in self.jumps]).reshape(-1, 5),
             "quantiles": np.array([getattr(self, name).counts for name in _QUANTILES], dtype=np.float64),
-            "axes": np.array([[*axes.quat_xyzw, *axes.offset, float(axes.level)] for axes in self._axes]),
-            "continued": np.array([self._continued, self._untilt]),
-            "verticals": np.array([[*vertical.up, vertical.seconds] for vertical in self._verticals]),
         }
 
     @classmethod
     def from_state(cls, parameters: Parameters, state: Mapping[str, Array]) -> PoseStream:
         """The stream that `state` was taken of. ValueError or KeyError where it is of another shape."""
         stream = cls(parameters)
-        table = np.asarray(state["table"], dtype=float)
-        if table.ndim != 2 or table.shape[1] != _COLUMNS:
-            raise ValueError(f"table: {_COLUMNS} columns are needed")
-        stream._rows = len(table)
-        stream._table = np.concatenate([table, np.empty((_FIRST_ROWS, _COLUMNS))])
+        stream._take_state_of_poses(state)
         for name, value in zip(_NUMBERS, state["numbers"].tolist(), strict=True):
             setattr(stream, name, type(getattr(stream, name))(value))
         stream._guard.last, stream._guard.count = float(state["guard"][0]), int(state["guard"][1])
         for t, x, y, z, qx, qy, qz, qw in state["held"].tolist():
             stream._guard.held.append((t, (x, y, z, qx, qy, qz, qw)))
-        for t, kind, distance, turn in state["suspect"].tolist():
-            stream.suspect = Suspicion(t, _SUSPICIONS[int(kind)], distance, turn)
-        stream._events = [_event(int(row[0]), row[1:]) for row in state["events"].tolist()]
-        stream.jumps = [Jump(row[0], int(row[1]), *row[2:]) for row in state["jumps"].tolist()]
+        for numbers in state["suspect"].tolist():
+            stream.suspect = suspicion_of(numbers)
+        stream._events = [event_of(numbers) for numbers in state["events"].tolist()]
+        stream.jumps = [jump_of(fields) for fields in state["jumps"].tolist()]
         for name, counts in zip(_QUANTILES, state["quantiles"], strict=True):
             quantiles = getattr(stream, name)
             quantiles.counts[:] = counts
             quantiles.count = int(counts.sum())
-        stream._axes = [Axes(row[:4].copy(), row[4:7].copy(), bool(row[7])) for row in state["axes"]]
-        stream._continued, stream._untilt = state["continued"][0].copy(), state["continued"][1].copy()
-        stream._verticals = [_Vertical(row[:3].copy(), float(row[3])) for row in state["verticals"]]
         return stream
 
 
-_EVENTS = (Jump, Dismissed, Levelled, SetAside)
-_REASONS: tuple[Literal["stray", "frozen"], ...] = ("stray", "frozen")
-_SUSPICIONS: tuple[Literal["jump", "frozen"], ...] = ("jump", "frozen")
 _QUANTILES = ("_intervals", "_position_errors", "_attitude_errors", "_lengths", "_turns")
 _NUMBERS = (
     *("faults", "repeated", "set_aside", "suspicions", "_forgotten", "_count", "_decided", "_t", "_same_since"),
@@ -780,75 +533,8 @@ _NUMBERS = (
 )
 
 
-def _numbers(told: Event | Suspicion) -> list[float]:
-    """An event's or a suspicion's fields, words by their place in the list of all; events' are filled up to five."""
-    if isinstance(told, Suspicion):
-        return [told.t, float(_SUSPICIONS.index(told.kind)), told.distance, told.turn]
-    if isinstance(told, SetAside):
-        numbers = [told.first, told.last, float(told.poses), float(_REASONS.index(told.reason))]
-    else:
-        numbers = [float(value) for value in (astuple(told) if isinstance(told, Jump) else told)]
-    return numbers + [0.0] * (5 - len(numbers))
-
-
-def _event(kind: int, numbers: list[float]) -> Event:
-    if kind == _EVENTS.index(Jump):
-        return Jump(numbers[0], int(numbers[1]), *numbers[2:])
-    if kind == _EVENTS.index(Dismissed):
-        return Dismissed(numbers[0])
-    if kind == _EVENTS.index(Levelled):
-        return Levelled(*numbers[:3])
-    return SetAside(numbers[0], numbers[1], int(numbers[2]), _REASONS[int(numbers[3])])
-
-
-def ends_of_ranges(
-    streams: Sequence[PoseStream | None],
-    clocks: Array,
-    t: Array,
-    users: Indices,
-    levers: Array,
-    wanted: Mask,
-    reach: float,
-    longest: float,
-) -> tuple[Array, Mask]:
-    """(n, 2, 3, 3) ends of ranges: repaired position (m), lever (m) and velocity (m/s); (n,) whether poses are there.
-
-    `t` (n,) s by the ranges' clock, `clocks` (k,) s: a device's stamps minus these; `users` (n, 2), of whom those
-    without a stream stand at their origins; `levers` (n, 2, 3) m in body axes. Velocities are means from `reach` s
-    before to as long after, as far as poses are known; `longest` is the longest gap between poses. Only those `wanted`.
-    """
-    tables = [None if stream is None else stream._table_now() for stream in streams]
-    ends, known = read_ranges(tables, _POSE, clocks, t, users, levers.reshape(-1, 3), wanted, reach, longest)
-    return ends.reshape(-1, 2, 3, 3), known
-
-
-def _tail(table: Array) -> Tail:
-    return Tail(
-        table[:, _T].copy(),
-        table[:, _POSITION].copy(),
-        table[:, _ATTITUDE].copy(),
-        table[:, _SEGMENT].astype(np.int32),
-        table[:, _REBUILT] > 0.0,
-        table[:, _TRAVELLED].copy(),
-    )
-
-
 def _noise_of_few(dt: Array, position_error: Array, attitude_error: Array) -> NoiseLevels:
     """Noise levels of few steps: one jump, and the steps beside it, are more than one in twenty of them."""
     errors = (position_error, attitude_error)
     levels = [min(float(np.quantile(e, _USUAL)), _FEW_MEDIANS * float(np.median(e))) for e in errors]
     return NoiseLevels(float(np.median(dt)), levels[0], levels[1])
-
-
-def _raw_track(table: Array) -> Track:
-    return Track(table[:, _T], table[:, _RAW_POSITION], table[:, _RAW_ATTITUDE])
-
-
-def _repair_rows(rows: Array, axes: Axes) -> None:
-    """Repaired columns of rows of one segment, each to the last bit the same whatever other rows there are."""
-    if axes.level and not axes.quat_xyzw[:3].any() and not axes.offset.any():
-        rows[:, _POSITION.start : _ATTITUDE.stop] = rows[:, _RAW_POSITION.start : _RAW_ATTITUDE.stop]
-        return
-    place, attitude = axes.repaired(rows[:, _RAW_POSITION], rows[:, _RAW_ATTITUDE])
-    rows[:, _POSITION] = place
-    rows[:, _ATTITUDE] = normalized_quaternions(attitude)

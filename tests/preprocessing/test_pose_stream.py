@@ -17,8 +17,11 @@ from synchronizar.data.jump import Jump
 from synchronizar.data.track import Track, interpolated
 from synchronizar.io.tum import read_tum
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.pose_stream import Dismissed, Levelled, PoseStream, SetAside, Tail, ends_of_ranges
+from synchronizar.preprocessing.keyframes import VELOCITY_REACH
+from synchronizar.preprocessing.pose_stream import PoseStream
 from synchronizar.preprocessing.relocalizations import RepairedTrack, repair_relocalizations
+from synchronizar.preprocessing.repaired_poses import Tail, ends_of_ranges
+from synchronizar.preprocessing.stream_events import Dismissed, Levelled, SetAside
 from synchronizar.preprocessing.suspect_poses import frozen_poses, stray_poses
 from synchronizar.quaternions import angles_between, normalized_quaternions, rotate_by_quaternions, yaw_quaternion
 from synchronizar.simulation.simulate import Scene, simulate
@@ -557,7 +560,7 @@ def test_poses_at_times_are_interpolated_as_those_of_a_track() -> None:
 def test_ranges_are_read_by_their_ends_as_poses_at_their_times_say() -> None:
     random = np.random.default_rng(5)
     parameters = Parameters()
-    longest, reach = parameters.slam.longest_pose_gap, 0.1
+    longest, reach = parameters.slam.longest_pose_gap, VELOCITY_REACH
     streams: list[PoseStream | None] = [PoseStream(parameters), None, PoseStream(parameters), PoseStream(parameters)]
     clocks = np.array([0.3, 0.0, -0.2, 0.0])
     for u in (0, 2):
@@ -571,7 +574,7 @@ def test_ranges_are_read_by_their_ends_as_poses_at_their_times_say() -> None:
     t = random.uniform(-0.05, 3.1, 60)
     users = np.array([random.choice(4, 2, replace=False) for _ in t], dtype=np.int32)
     levers, wanted = random.normal(0.0, 0.2, (60, 2, 3)), random.uniform(size=60) < 0.8
-    ends, known = ends_of_ranges(streams, clocks, t, users, levers, wanted, reach, longest)
+    ends, known = ends_of_ranges(streams, clocks, t, users, levers, wanted, longest)
     for n in range(60):
         there = bool(wanted[n])
         for end in range(2):

@@ -15,7 +15,8 @@ from synchronizar.estimation.incremental.roster import Roster
 from synchronizar.estimation.incremental.snapshot import Candidate, SlotPoses, Snapshot
 from synchronizar.estimation.incremental.tracking import Tracking
 from synchronizar.geometry import apply_frames
-from synchronizar.preprocessing.pose_stream import PoseStream, Tail
+from synchronizar.preprocessing.pose_stream import PoseStream
+from synchronizar.preprocessing.repaired_poses import Tail
 from synchronizar.quaternions import normalized_quaternions
 
 _LONG_AGO = -1e9  # s: a track of one pose there covers no range

@@ -19,7 +19,8 @@ from synchronizar.estimation.incremental.kept import kept, restore_kept
 from synchronizar.estimation.incremental.standing import Placed, Standing
 from synchronizar.geometry import wrap_angle
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.pose_stream import PoseStream, SetAside
+from synchronizar.preprocessing.pose_stream import PoseStream
+from synchronizar.preprocessing.stream_events import SetAside
 
 _MOST_JUDGED = 500  # poses by which attitudes are judged
 

@@ -30,8 +30,8 @@ from synchronizar.estimation.incremental.slot_ranges import (
 )
 from synchronizar.estimation.incremental.slot_states import SlotStates
 from synchronizar.graph.follower import Follower, SlotState
-from synchronizar.graph.pose_graph import calibration_sigmas
 from synchronizar.graph.priors import (
+    calibration_sigmas,
     height_sigma_of,
     known_bias_sigmas,
     known_biases,
@@ -52,8 +52,8 @@ from synchronizar.graph.slot_factors import (
 )
 from synchronizar.graph.states import BIAS
 from synchronizar.parameters import Parameters
-from synchronizar.preprocessing.keyframes import VELOCITY_REACH
-from synchronizar.preprocessing.pose_stream import PoseStream, ends_of_ranges
+from synchronizar.preprocessing.pose_stream import PoseStream
+from synchronizar.preprocessing.repaired_poses import ends_of_ranges
 
 _LATE = 1.0  # s: a range whose poses have not come by then is not usable
 _JUDGED = 10  # slots whose ranges are judged anew once a slot, ...
@@ -347,14 +347,7 @@ class Tracking:
         antennas = np.stack([waiting.antenna_i, waiting.antenna_j], axis=1)
         longest = self.parameters.slam.longest_pose_gap
         ends, there = ends_of_ranges(
-            self.streams,
-            self.read_clock,
-            waiting.t,
-            users,
-            self._levers[users, antennas],
-            there,
-            VELOCITY_REACH,
-            longest,
+            self.streams, self.read_clock, waiting.t, users, self._levers[users, antennas], there, longest
         )
         left = ~there & ~(waiting.t < now - _LATE)
         self._waiting = waiting.part(left) if left.any() else None
