@@ -34,7 +34,8 @@ def findings_of_solution(
     """What a solution shows besides what was `found` without it; nothing where that spoils the solution."""
     if spoils(found) or not _suspect(recording, registration, parameters):
         return []
-    if shifted := clock_shift_findings(recording, parameters):
+    shifted = clock_shift_findings(recording, parameters)
+    if shifted and not _fits_as_it_is(shifted[0], registration):
         return shifted
     adjustment = adjusted(recording, registration, parameters)
     if adjustment is None:
@@ -45,6 +46,13 @@ def findings_of_solution(
 def spoils(found: Sequence[Finding]) -> bool:
     """Whether something was found that makes a solution meaningless."""
     return any(finding.code in CAUSES for finding in found)
+
+
+def _fits_as_it_is(of_clock: Finding, registration: Registration) -> bool:
+    """Whether the solution places a user by its clock as it is, which NLOS or a slip of its SLAM make look shifted."""
+    registered = {name for name, user in registration.users.items() if user.state is State.REGISTERED}
+    beside = registered - {registration.reference}
+    return bool(beside) if of_clock.user in (None, registration.reference) else of_clock.user in registered
 
 
 def _suspect(recording: Recording, registration: Registration, parameters: Parameters) -> bool:

@@ -17,6 +17,7 @@ from synchronizar.data.recording import Recording
 from synchronizar.data.registration import State
 from synchronizar.diagnosis import findings_of
 from synchronizar.diagnosis.clock_shift import clock_shift_findings
+from synchronizar.diagnosis.solution import findings_of_solution
 from synchronizar.estimation.incremental.replay import replay
 from synchronizar.estimation.pairwise.register import register_pairwise
 from synchronizar.estimation.register import register
@@ -158,6 +159,17 @@ def test_a_clock_that_is_seconds_off_is_told_with_how_much(seconds: float, names
     told = re.search(rf"(\d+\.\d) s {side}", found[0].message)
     assert told is not None
     assert float(told[1]) == pytest.approx(abs(seconds), abs=0.11)
+
+
+def test_of_who_is_registered_by_its_clock_as_it_is_no_clock_is_told() -> None:
+    """As where SLAM began anew, or half of the ranges are NLOS, and a shift takes some of the misfit away."""
+    late = of_tracks(delayed(3.0), ("phone1",))(walk(1))
+    registration = register(late)
+    assert [str(f.code) for f in findings_of_solution(late, registration, [], Parameters())] == ["clock"]
+    users = dict(registration.users)
+    users["phone1"] = replace(users["phone1"], state=State.REGISTERED)
+    found = findings_of_solution(late, replace(registration, users=users), [], Parameters())
+    assert "clock" not in [str(f.code) for f in found]
 
 
 def test_nothing_is_told_of_clocks_that_agree() -> None:
