@@ -296,6 +296,23 @@ def test_a_broken_recording_is_told_in_one_line_or_answered_in_finite_numbers(
         assert said == json.loads((out / "registration.json").read_text())
 
 
+def test_a_column_that_is_not_read_is_named_by_every_command_that_reads_it(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, out = Path(shutil.copytree(walk, tmp_path / "walk")), tmp_path / "answer"
+    header, *rows = (recording / "ranges.csv").read_text().splitlines()
+    (recording / "ranges.csv").write_text("\n".join([f"{header},mood", *(f"{row},glad" for row in rows)]) + "\n")
+    for argv in (
+        ["register", recording, "--out", out],
+        ["plot", recording, out],
+        ["convert", recording, out / "w.mcap"],
+    ):
+        assert main([str(word) for word in argv]) == 0
+        err = capsys.readouterr().err
+        assert_one_line(err)
+        assert "'mood'" in err
+
+
 # What cannot be done
 
 

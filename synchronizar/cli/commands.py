@@ -198,10 +198,7 @@ def _simulate(options: argparse.Namespace) -> None:
 
 
 def _plot(options: argparse.Namespace) -> None:
-    from synchronizar.data.recording import Recording
-
-    print_progress(f"loading {options.recording} ...")
-    recording, name = Recording.load(options.recording), options.recording.resolve().name
+    (recording, _), name = _loaded(options.recording), options.recording.resolve().name
     if options.html:
         from synchronizar.reporting.report import write_report
 
