@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from synchronizar.data.findings import Code, Finding
 from synchronizar.data.registration import Registration, State
+from synchronizar.data.survey import SURVEY
 
 CAUSES = (
     Code.TIME_UNIT,
@@ -49,6 +50,8 @@ def with_reasons(registration: Registration, findings: Sequence[Finding]) -> Reg
     doubted = {name for f in findings if f.code in CONTRADICTS for name in (f.user, *f.others)}
     registered = {name for name, user in registration.users.items() if user.state is State.REGISTERED}
     alone = registered == {reference}
+    if reference == SURVEY and any(registration.users[name].static for name in registered if name in doubted):
+        doubted.add(SURVEY)  # the survey's frame rests on them
     for name, user in registration.users.items():
         if user.state is State.REGISTERED and not doubted.isdisjoint((name, reference)):
             own = "its place" if name in doubted else "its place beside the reference"

@@ -51,6 +51,23 @@ def test_two_radios_whose_places_were_exchanged_in_the_survey_are_told_as_that(s
     assert all(found.users[name].reason.startswith(finding.message) for name in exchanged)
 
 
+@pytest.mark.parametrize("seed", [820, 822])
+def test_where_two_of_three_surveyed_radios_were_exchanged_nobody_is_registered(seed: int) -> None:
+    """Turned by half about the middle of these two everything but the third fits."""
+    exchanged = {"radio1": CORNERS[2], "radio2": CORNERS[1]}
+    found = sz.register(among(Scene(users=2, seconds=20.0, seed=seed), CORNERS[:3], exchanged).recording)
+    (finding,) = found.findings
+    assert (finding.code, finding.user, finding.others) == (Code.SWAPPED_RADIOS, "radio1", ("radio2",))
+    assert State.REGISTERED not in {user.state for user in found.users.values()}
+
+
+def test_one_wrong_entry_of_three_is_not_taken_for_an_exchange() -> None:
+    said = {"radio1": (CORNERS[1][0] + 2.0, CORNERS[1][1] - 1.0, CORNERS[1][2])}
+    found = sz.register(among(Scene(users=2, seconds=20.0, seed=820), CORNERS[:3], said).recording)
+    assert [(f.code, f.user) for f in found.findings] == [(Code.SURVEY, "radio1")]
+    assert found.users["phone0"].state is State.REGISTERED
+
+
 def walked(bias: float = 0.0, **settings: float) -> Recording:
     """One phone about three radios, its own frame at (1, 2, 0.5) and turned by a quarter: ranges without any error.
 
