@@ -602,6 +602,6 @@ def test_ranges_of_users_and_levers_that_are_not_there_are_refused() -> None:
     streams: list[PoseStream | None] = [None, None]
     t, users = np.zeros(1), np.array([[0, 2]], dtype=np.int32)
     with pytest.raises(ValueError, match="user"):
-        ends_of_ranges(streams, np.zeros(2), t, users, np.zeros((1, 2, 3)), np.ones(1, dtype=bool), 0.1, 1.0)
+        ends_of_ranges(streams, np.zeros(2), t, users, np.zeros((1, 2, 3)), np.ones(1, dtype=bool), 1.0)
     with pytest.raises(ValueError, match="levers"):
-        ends_of_ranges(streams, np.zeros(2), t, users // 2, np.zeros((2, 2, 3)), np.ones(1, dtype=bool), 0.1, 1.0)
+        ends_of_ranges(streams, np.zeros(2), t, users // 2, np.zeros((2, 2, 3)), np.ones(1, dtype=bool), 1.0)
