@@ -88,6 +88,7 @@ def assess(
     for u in np.flatnonzero(graph.problem.surveyed).tolist():
         if (verdict := judged[u]) is not None:
             judged[u] = with_survey(verdict, states.anchor_poses[u, :3] - graph.problem.survey[u], graph, u)
+    judged = _with_doubted_entries(judged, found, graph)
     return Assessment(
         optimum=best,
         verdicts=judged,
@@ -169,6 +170,19 @@ def with_survey(verdict: Verdict, off: Array, graph: PoseGraph, user: int) -> Ve
     where = ", ".join(f"{x:+.1f}" for x in off.tolist())
     reason = f"its ranges say that it is {apart:.1f} m from where it was surveyed to be (by {where} m)"
     return verdict._replace(state=State.UNOBSERVABLE, reason=reason)
+
+
+def _with_doubted_entries(
+    judged: list[Verdict | None], found: list[Hypothesis], graph: PoseGraph
+) -> list[Verdict | None]:
+    """The verdicts; the reason of an ambiguity is the survey where placements differ in which entry of it is wrong."""
+    limit, survey = graph.parameters.integrity.survey_contradicted, graph.problem.survey
+    off = np.array([np.linalg.norm(one.frames[:, :3] - survey, axis=1) > limit for one in found])
+    names = " or ".join(graph.users[u].name for u in np.flatnonzero(off.any(axis=0) & ~off.all(axis=0)).tolist())
+    if not names:
+        return judged
+    reason = f"{len(found)} joint placements explain the ranges: the entry of {names} in the survey may be wrong"
+    return [one._replace(reason=reason) if one is not None and one.state is State.AMBIGUOUS else one for one in judged]
 
 
 def with_height(

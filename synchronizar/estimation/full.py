@@ -25,6 +25,7 @@ from synchronizar.estimation.measured_weights import (
     with_noise_alone,
 )
 from synchronizar.estimation.optimum_images import images
+from synchronizar.estimation.other_entries import other_entries
 from synchronizar.estimation.other_optima import is_at_other_heights, other_heights, other_places, otherwise_held
 from synchronizar.estimation.segments import keyframes_of_all
 from synchronizar.estimation.slips import slips
@@ -207,7 +208,7 @@ def _refined(
         best = with_measured_weights(best._replace(graph=best.graph.with_keyframes(begun_with)))
     fine = keyframes_of_all(problem, repaired_tracks, finest, noise.sought, unit)
     found = [s._replace(graph=s.graph.with_calibration_priors(priors).with_keyframes(coarse)) for s in found]
-    others += other_heights(best, heights)
+    others += [*other_heights(best, heights), *other_entries(best)]
     if nlos_share(best) > problem.parameters.search.doubtful_share:
         others += other_places(best)
     better = min(others, key=by_cost, default=best)

@@ -411,3 +411,24 @@ def test_a_wrong_entry_alone_is_told_and_all_others_are_registered(
         assert one.common_from_user is not None
         off_by = one.common_from_user.translation - simulation.world_from_user[name].translation
         assert float(np.linalg.norm(off_by)) < 0.3
+
+
+@pytest.mark.parametrize(("seed", "radios"), [(822, 3), (825, 3), (824, 4)])
+def test_an_entry_too_high_does_not_put_phones_on_the_other_side_of_the_radios(seed: int, radios: int) -> None:
+    """Phones were 2.6 m too high, or 0.7 m of four radios, and all registered with a wrong entry that nobody told."""
+    x, y, z = CORNERS[1]
+    simulation = among(Scene(users=2, seconds=20.0, seed=seed), CORNERS[:radios], {"radio1": (x, y, z + 1.2)})
+    found = sz.register(simulation.recording)
+    assert {name for name, user in found.users.items() if user.state is not State.REGISTERED} == {"radio1"}
+    assert [(f.code, f.user) for f in found.findings] == [(Code.SURVEY, "radio1")]
+    for name in ("phone0", "phone1"):
+        assert max(errors(simulation, found)[name][:2]) < 0.2, name
+
+
+def test_where_either_side_has_another_entry_wrong_the_reason_names_the_survey() -> None:
+    x, y, z = CORNERS[1]
+    simulation = among(Scene(users=2, seconds=20.0, seed=823), CORNERS[:3], {"radio1": (x, y, z + 1.2)})
+    found = sz.register(simulation.recording)
+    for name in ("phone0", "phone1"):
+        assert found.users[name].state is State.AMBIGUOUS
+        assert "the entry of radio1 in the survey may be wrong" in found.users[name].reason
