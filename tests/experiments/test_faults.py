@@ -190,4 +190,4 @@ def test_nobody_is_told_as_registered_for_long_where_it_is_not(kind: str) -> Non
     for course in walk((kind, 0)).courses:
         longest, _ = course_off(course)
         assert longest < 1.0
-        assert course.registered[course.t > 67.0].mean() > 0.95
+        assert course.registered[course.t > 70.0].mean() > 0.95
