@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from synchronizar.arrays import Array
-from synchronizar.estimation.comparing import held_surveyed
 from synchronizar.estimation.initialisation import Candidate, extend
 from synchronizar.graph.pose_graph import LocalOptimum
 from synchronizar.preprocessing.range_measurements import RangeMeasurements
@@ -18,7 +17,7 @@ _ROUNDS = 4
 
 
 def other_entries(optimum: LocalOptimum) -> list[LocalOptimum]:
-    """Optima beside one with measured weights in which one entry that it holds is wrong.
+    """Optima beside one with measured weights in which one entry alone is wrong.
 
     Ranges tell on which side of the radios people walk by how unequal in height these are. A wrong height among few
     radios may fit the wrong side, and then biases take up what is left: nothing seems wrong. Only with the entry left
@@ -43,19 +42,23 @@ def other_entries(optimum: LocalOptimum) -> list[LocalOptimum]:
 
 
 def _without_an_entry(optimum: LocalOptimum, ranges: RangeMeasurements) -> Iterator[tuple[int, Array]]:
-    """Each radio whose entry is held, and frames (k, 4) without it: as they are, and mirrored at the others' level."""
-    graph, frames = optimum.graph, optimum.states.anchor_poses
+    """Each surveyed radio that ranges, and frames (k, 4) without it, all others of the survey at their entries.
+
+    Everybody else is where it is, and then mirrored at these others' level.
+    """
+    graph, k = optimum.graph, len(optimum.graph.users)
     surveyed, survey = graph.problem.surveyed, graph.problem.survey
+    count = np.bincount(ranges.i, minlength=k) + np.bincount(ranges.j, minlength=k)
+    sums = np.bincount(ranges.i, ranges.p_i[:, 2], k) + np.bincount(ranges.j, ranges.p_j[:, 2], k)
+    own = sums / np.maximum(count, 1)
     moved = [u for u in graph.free if not surveyed[u]]
-    k, (i, j) = len(frames), (ranges.i, ranges.j)
-    count = np.bincount(i, minlength=k) + np.bincount(j, minlength=k)
-    own = (np.bincount(i, ranges.p_i[:, 2], k) + np.bincount(j, ranges.p_j[:, 2], k)) / np.maximum(count, 1)
-    held = [u for u in np.flatnonzero(held_surveyed(optimum)).tolist() if u in graph.active_users]
-    for user in held if len(held) > 1 and moved else ():
-        here = frames.copy()
+    radios = np.flatnonzero(surveyed & (count > 0)).tolist()
+    for user in radios if len(radios) > 1 and moved else ():
+        here = optimum.states.anchor_poses.copy()
+        here[surveyed, :3] = survey[surveyed]
         here[user] = np.nan
         mirrored = here.copy()
-        level = survey[[u for u in held if u != user], 2].mean()
+        level = survey[[u for u in radios if u != user], 2].mean()
         mirrored[moved, 2] = 2.0 * (level - own[moved]) - here[moved, 2]
         yield user, here
         yield user, mirrored
