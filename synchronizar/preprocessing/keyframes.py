@@ -111,15 +111,15 @@ def _level_information(t: Array, height: Array, parameters: Parameters) -> Array
     within that time it does so: drift is slower.
     """
     priors = parameters.priors
-    reach = priors.level_duration
-    begin, end = np.searchsorted(t, t - reach), np.searchsorted(t, t + reach, side="right")
+    lasts = priors.level_duration
+    begin, end = np.searchsorted(t, t - lasts), np.searchsorted(t, t + lasts, side="right")
     beside = height - height.mean()
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.column_stack([beside, beside**2]), axis=0)])
     mean, square = ((sums[end] - sums[begin]) / (end - begin)[:, None]).T
     moves = np.maximum(square - mean**2, 0.0)
     half = 0.5 * np.diff(t)
     stands = np.concatenate([[0.0], half]) + np.concatenate([half, [0.0]])
-    return np.asarray(np.minimum(stands / priors.level_duration, 1.0) / (priors.level_sigma**2 + moves))
+    return np.asarray(np.minimum(stands / lasts, 1.0) / (priors.level_sigma**2 + moves))
 
 
 def _keyframe_rows(t: Array, begin: int, end: int, interval: float) -> tuple[Indices, Array]:

@@ -378,8 +378,8 @@ def _by_direction(steps: Steps, jumped: Mask, run: Indices, parameters: Paramete
     good, n = np.flatnonzero(~jumped), parameters.slam.jump_neighbours
     sides = (good[good < run[0]][-n:], good[good > run[-1]][:n])
     if not all(map(len, sides)):
-        (side,) = [side for side in sides if len(side)] or [good]
-        velocity = steps.twist[side, 3:6].mean(axis=0) if len(side) else np.zeros(3)
+        near = np.concatenate(sides)
+        velocity = steps.twist[near, 3:6].mean(axis=0) if len(near) else np.zeros(3)
         return np.tile(IDENTITY, (len(run), 1)), velocity * steps.dt[run, None]
     before, after = (steps.twist[side, 3:6].mean(axis=0) for side in sides)
     turn = 0.0
